@@ -142,8 +142,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     try:
         return _run(argv)
-    except KeyboardInterrupt:
-        print("stepdiag: stopped", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"stepdiag: stopped{f': {error}' if str(error) else ''}", file=sys.stderr)
         _forget_interrupt()
         return _EXIT_INTERRUPTED
     except BrokenPipeError:

@@ -73,6 +73,9 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
         if packaged.is_file():
             return packaged
     near = get_close_matches(str(name_or_path), available(folder), n=1)
+    beside = [str(one) for one in path.parent.glob("*.y*ml")]
+    # A path is meant where it has an ending; a name of the package has none.
+    near = get_close_matches(str(path), beside, n=1) if path.suffix else near
     hint = f"did you mean {near[0]}? Give" if near else "give"
     raise Refusal(
         f"there is no {what} '{name_or_path}': {hint} the path of a YAML file"

@@ -138,11 +138,29 @@ def test_a_plan_is_given_by_file_by_name_or_by_its_text(tmp_path):
         plan_given("quik")
 
 
+@pytest.mark.parametrize(
+    ("written", "hint"),
+    [("[0,8, 0,5, 0,4]", True), ("[1, 0,5, 0,4]", True), ("[1, 2]", False), ("[1.0, 2]", False)],
+)
+def test_decimal_commas_are_told_as_such(tmp_path, written, hint):
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        f"name: mine\nchain: XYZ\ntravel_low_m: [0, 0, 0]\ntravel_high_m: {written}\n"
+        "feed_limit_m_per_s: 0.5\nacceleration_m_per_s2: 1.0\n"
+    )
+    with refused(Refusal, "malformed", "travel_high_m", "mine.yaml") as info:
+        load_machine(path)
+    assert ("0.8, not 0,8" in str(info.value)) == hint
+
+
 def test_a_file_that_is_not_there(tmp_path):
     with refused(Refusal, "not_found", "demoo", "ibaraki_hata_2010"):
         load_plan("demoo")
     with refused(Refusal, "not_found", "nothing.yaml"):
         load_machine(tmp_path / "nothing.yaml")
+    (tmp_path / "mine.yaml").write_text("")
+    with refused(Refusal, "not_found", f"mean {tmp_path / 'mine.yaml'}?"):
+        load_machine(tmp_path / "mine.yml")
     with refused(Refusal, "wrong_kind", aspect="folder"):
         load_cell(tmp_path)
     binary = tmp_path / "binary.yaml"

@@ -70,6 +70,9 @@ class CommandParser(HintingParser):
         """
         if self._intermixed or not self._files_may_come_anywhere():
             return super().parse_known_args(args, namespace)
+        # Before what is missing is said: a misspelt option is missing, too.
+        if foreign := self._foreign(args or ()):
+            self._refuse(foreign)
         self._intermixed = True
         try:
             parsed, unknown = self.parse_known_intermixed_args(args, namespace)
@@ -83,6 +86,17 @@ class CommandParser(HintingParser):
         """Say whether no argument of this command is for another parser or for a node."""
         whole = (argparse.PARSER, argparse.REMAINDER)
         return not any(action.nargs in whole for action in self._actions)
+
+    def _foreign(self, args: Sequence[str]) -> list[str]:
+        """Return the options that are neither known nor the beginning of one."""
+        end = args.index("--") if "--" in args else len(args)
+        names = [one for one in args[:end] if one.startswith("--")]
+        known = tuple(self._option_string_actions)
+        return [
+            one
+            for one in names
+            if not any(option.startswith(one.partition("=")[0]) for option in known)
+        ]
 
     def _refuse(self, unknown: list[str]) -> NoReturn:
         options = [argument for argument in unknown if argument.startswith("-")]

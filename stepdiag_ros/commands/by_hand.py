@@ -36,8 +36,9 @@ def _add_options(parser: ArgumentParser) -> None:
         action="append",
         type=_lines,
         metavar="FIRST-LAST",
-        help="lines of the plan, from 1, that the recording holds, such as 1-4 or 3; once for each"
-        " recording (default: all; of several recordings one setup each, or one line each)",
+        help="passes that the recording holds, by their number in the NC program (PASS 1 OF 28),"
+        " such as 1-4 or 3; once for each recording (default: all; of several recordings one setup"
+        " each, or one pass each)",
     )
     parser.add_argument(
         "--machine", help="machine: YAML file, or a name; for the order of its axes"

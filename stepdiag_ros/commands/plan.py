@@ -9,6 +9,7 @@ from stepdiag_ros.commands.output import number, say, warn
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.machine import Machine
+    from stepdiag_ros.metrology.plan import Sampling
     from stepdiag_ros.planning.assessment import Assessment
     from stepdiag_ros.planning.duration import Assumptions
     from stepdiag_ros.planning.proposal import PlanProposal
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 # Not taken from planning, whose numerics every start of the command line would wait for.
 PURPOSES = ("squareness", "straightness", "volumetric", "angular", "iso230-2", "iso230-6", "quick")
 DWELL_FORMS = ("P_ms", "P_s", "X_s", "F_s")
+_DWELL_BY_HAND = 2.0
+"""s: with a program for a machine that is not connected, where no other is wished."""
 CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 
 
@@ -97,14 +100,18 @@ def _add_wishes(parser: ArgumentParser) -> None:
         "--feed", type=_positive, metavar="M/S", help="feed of moves (default: 0.033)"
     )
     group.add_argument(
-        "--dwell", type=_positive, metavar="S", help="shortest stay at a stop (default: 1)"
+        "--dwell",
+        type=_positive,
+        metavar="S",
+        help="shortest stay at a stop (default: 1; with --nc 2, of which a quarter stays free for"
+        " the settling of the drives, see docs/by_hand.md)",
     )
     group.add_argument(
         "--overrun",
         type=_not_negative,
         metavar="M",
-        help="for iso230-2 and iso230-6: how far beyond its first target a pass begins"
-        " (default: 0.002)",
+        help="how far beyond its first target a pass of a line other than a step diagonal begins"
+        " (default: 0.002 for iso230-2 and iso230-6, otherwise 0)",
     )
 
 
@@ -284,10 +291,20 @@ def _assumptions(arguments: Namespace) -> "Assumptions":
     return Assumptions(**{name: 60.0 * value for name, value in given.items() if value is not None})
 
 
+def _sampling(arguments: Namespace) -> "Sampling | None":
+    """Return how stops are read; None for the usual way."""
+    from stepdiag_ros.planning.proposal import sampling_with
+
+    by_hand = arguments.nc is not None
+    if arguments.dwell is None:
+        return sampling_with(_DWELL_BY_HAND, by_hand) if by_hand else None
+    return sampling_with(arguments.dwell, by_hand)
+
+
 def _request(
     arguments: Namespace, machine: "Machine", stop_uncertainty: float, assumptions: "Assumptions"
 ) -> Any:
-    from stepdiag_ros.planning.proposal import Request, sampling_with
+    from stepdiag_ros.planning.proposal import Request
 
     given: dict[str, Any] = {
         "uncertainty": None if arguments.uncertainty is None else arguments.uncertainty * 1e-6,
@@ -301,7 +318,7 @@ def _request(
         "repeats": arguments.repeats,
         "directions": ("forward",) if arguments.one_way else None,
         "overrun": arguments.overrun,
-        "sampling": None if arguments.dwell is None else sampling_with(arguments.dwell),
+        "sampling": _sampling(arguments),
     }
     return Request(
         purpose=arguments.purpose,

@@ -33,6 +33,7 @@ class SingleError:
         expanded_uncertainty: of it (95 %), m; NaN if not known.
         travel: m.
         coverage_factor: of the expanded uncertainty.
+        angle: of squareness with its sign (as the axes turn, ISO 230-1), rad; NaN of the others.
     """
 
     name: str
@@ -40,11 +41,14 @@ class SingleError:
     expanded_uncertainty: float
     travel: float
     coverage_factor: float = COVERAGE_FACTOR
+    angle: float = nan
 
     @classmethod
-    def made(cls, name: str, value: float, wide: Expanded, travel: float) -> "SingleError":
+    def made(
+        cls, name: str, value: float, wide: Expanded, travel: float, angle: float = nan
+    ) -> "SingleError":
         """Make it with the expanded uncertainty that counts."""
-        return cls(name, value, wide.value, travel, wide.coverage_factor)
+        return cls(name, value, wide.value, travel, wide.coverage_factor, angle)
 
     @property
     def words(self) -> str:
@@ -87,7 +91,8 @@ def single_errors(
         figure, length = figures.get(name), travel[AXES.index(name[2])]
         if figure is not None:
             wide = expanded_of_figure(figure, budget).times(length)
-            made.append(SingleError.made(name, abs(figure.value) * length, wide, length))
+            value = abs(figure.value) * length
+            made.append(SingleError.made(name, value, wide, length, figure.value))
     return tuple(made)
 
 

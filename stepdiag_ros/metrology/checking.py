@@ -231,7 +231,11 @@ class Section:
         if not isinstance(value, Sequence) or isinstance(value, str):
             raise self._wrong(key, value, "a list of numbers", "malformed")
         if count is not None and len(value) != count:
-            raise self._wrong(key, value, f"a list of {count} numbers", fault="malformed")
+            expected = f"a list of {count} numbers"
+            whole = all(isinstance(one, int) for one in value)
+            if whole and count < len(value) <= 2 * count:
+                expected += " (with a decimal point: 0.8, not 0,8)"
+            raise self._wrong(key, value, expected, fault="malformed")
         item = Section({f"{key}[{i}]": entry for i, entry in enumerate(value)}, self._source)
         return tuple(item.number(f"{key}[{i}]") for i in range(len(value)))
 

@@ -6,7 +6,7 @@ from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.visibility import Visibility, visibility
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
-from stepdiag_ros.planning.expectation import PlanExpectation, expect
+from stepdiag_ros.planning.expectation import PlanExpectation, expect, expect_with_rotations
 from stepdiag_ros.planning.limits import limits, warnings
 from stepdiag_ros.planning.undetermined import Undetermined, undetermined
 from stepdiag_ros.run.feasibility import beyond_machine
@@ -21,7 +21,9 @@ class Assessment:
         machine: that shall execute it.
         stop_uncertainty: standard uncertainty of a single stop that all rests on, m.
         duration: by line.
-        expectation: standard uncertainties without rotations, as by ``least_squares``.
+        expectation: standard uncertainties by the noise of the stops alone, without rotations.
+        with_rotations: those that ``least_squares`` will print: also with rotations of the size
+            that is plausible of the machine, and with the laser's scale.
         rotating: the same with all rotations free, as by ``rigid_body``; None without a chain.
         seen: visibility without rotations.
         seen_rotating: visibility with all rotations free; None without a chain.
@@ -35,6 +37,7 @@ class Assessment:
     stop_uncertainty: float
     duration: PlanDuration
     expectation: PlanExpectation
+    with_rotations: PlanExpectation
     rotating: PlanExpectation | None
     seen: Visibility
     seen_rotating: Visibility | None
@@ -74,6 +77,7 @@ def assess(
         stop_uncertainty=stop_uncertainty,
         duration=duration(plan, machine, assumptions),
         expectation=expect(plan, stop_uncertainty),
+        with_rotations=expect_with_rotations(plan, stop_uncertainty, chain, machine.rotations),
         rotating=expect(plan, stop_uncertainty, chain) if chain else None,
         seen=seen,
         seen_rotating=rotating,

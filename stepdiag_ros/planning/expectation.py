@@ -3,8 +3,9 @@
 The covariance of a least-squares estimate does not depend on the readings but on where they are
 taken and how uncertain each of them is. So a measurement of a perfect machine, with the commanded
 stops as its readings, has the uncertainty that the real one will have, as far as the stops'
-uncertainties are right. It holds neither what is common to all stops (wavelength, expansion, dead
-path) nor errors that the model does not know.
+uncertainties are right. By noise alone (``expect``) it holds neither what is common to all stops
+(wavelength, expansion, dead path) nor errors that the model does not know; with rotations of a
+plausible size (``expect_with_rotations``) it is what ``least_squares`` prints.
 """
 
 from collections.abc import Iterable
@@ -25,16 +26,22 @@ from stepdiag_ros.metrology.geometry import (
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.design import Design
+from stepdiag_ros.metrology.solvers.least_squares import estimate_of, solve_least_squares
 from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.solvers.rotations import turned
 from stepdiag_ros.metrology.solvers.summary import (
     CurveEstimate,
     deviations_from_line,
     slope_weights,
 )
+from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 STRAIGHTNESS = tuple(name for name in TRANSLATIONS if name[2] != name[3])
+_PLACES_ALONG_AXIS = 6
+"""Errors of rotations grow towards the ends of the axes: few places find the largest."""
 POSITIONING = tuple(name for name in TRANSLATIONS if name[2] == name[3])
 
 
@@ -100,26 +107,72 @@ def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> PlanExpectat
         names=design.names,
         arm=design.arm,
     )
+    volumetric = _volumetric(estimate, plan.volume)
+    rotations = [name for name in design.names if name in ROTATIONS]
+    expectation = _expectation(
+        estimate, plan.volume, rotations, volumetric, design.degrees_of_freedom
+    )
+    return expectation.scaled(stop_uncertainty)
+
+
+def expect_with_rotations(
+    plan: Plan, stop_uncertainty: float, chain: str, rotation: float
+) -> PlanExpectation:
+    """Return the uncertainties that ``least_squares`` will print of a plan.
+
+    Beside the noise of the stops they hold what pitch, yaw and roll of a plausible size make
+    uncertain, as far as no line shows them, and the laser's scale.
+
+    Args:
+        plan: what is measured.
+        stop_uncertainty: standard uncertainty of a single stop, m.
+        chain: order of the axes from workpiece to tool; empty if not known: any may act.
+        rotation: plausible size of the rotations over the measured travel, rad.
+    """
+    plausible = Plausible(rotation)
+    nominal = nominal_measurement(plan, stop_uncertainty)
+    measurement = replace(nominal, chain=chain, plausible=plausible)
+    both = turned(measurement, observe(measurement))
     volume = plan.volume
-    angular = {
-        name: _largest(estimate, name, np.eye(volume.blocks + 1))
-        for name in design.names
-        if name in ROTATIONS
-    }
-    expectation = PlanExpectation(
+    places = _some_places(volume)
+    error_map = VolumetricMap.of_result(solve_least_squares(measurement), chain, plausible)
+    variance = np.diagonal(error_map.covariance_at(places), axis1=1, axis2=2)
+    return _expectation(
+        estimate_of(both),
+        volume,
+        (),
+        float(np.sqrt(np.max(variance))),
+        both.design.degrees_of_freedom,
+    )
+
+
+def _expectation(
+    estimate: CurveEstimate,
+    volume: Volume,
+    rotations: Iterable[str],
+    volumetric: float,
+    degrees_of_freedom: int,
+) -> PlanExpectation:
+    every = np.eye(volume.blocks + 1)
+    return PlanExpectation(
         squareness={name: _squareness(estimate, volume, name) for name in SQUARENESS},
         straightness={
             name: _largest(estimate, name, deviations_from_line(volume.nodes(moving_axis(name))))
             for name in STRAIGHTNESS
         },
-        positioning={
-            name: _largest(estimate, name, np.eye(volume.blocks + 1)) for name in POSITIONING
-        },
-        angular=angular,
-        volumetric=_volumetric(estimate, volume),
-        degrees_of_freedom=design.degrees_of_freedom,
+        positioning={name: _largest(estimate, name, every) for name in POSITIONING},
+        angular={name: _largest(estimate, name, every) for name in rotations},
+        volumetric=volumetric,
+        degrees_of_freedom=degrees_of_freedom,
     )
-    return expectation.scaled(stop_uncertainty)
+
+
+def _some_places(volume: Volume) -> Vector:
+    """Return nodes of the volume with all its corners, a few along each axis, m, shape (n, 3)."""
+    few = min(volume.blocks + 1, _PLACES_ALONG_AXIS)
+    at = np.linspace(0, volume.blocks, few).round().astype(int)
+    grid = np.meshgrid(*(volume.nodes(axis)[at] for axis in range(3)), indexing="ij")
+    return np.stack(grid, axis=-1).reshape(-1, 3)
 
 
 def nominal_measurement(plan: Plan, stop_uncertainty: float) -> Measurement:

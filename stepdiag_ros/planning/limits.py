@@ -110,6 +110,12 @@ def limits(
             "Every line is run in one direction only: reversal errors do not show, and drift is"
             " not distinguished from the errors."
         )
+    elif any(line.kind == LINEAR and plan.run_up(line) is None for line in plan.lines):
+        sentences.append(
+            "Linear lines begin without a run-up, so that the first stop of a pass is not"
+            " approached in its direction: end stops show no reversal error. --overrun 0.002 (in a"
+            " plan, overrun_m) adds one of 2 mm."
+        )
     if _repeats(plan) < 2:
         sentences.append("Not every line is repeated the same way: its repeatability is not seen.")
     if not any(line.kind == LINEAR for line in plan.lines):
@@ -122,9 +128,10 @@ def limits(
             " diagonal do not show."
         )
     sentences.append(
-        "The expected uncertainty is that of the stops alone. The wavelength in air, the expansion "
-        "of the machine and the dead path are common to all stops and come on top; without a "
-        "weather station 1 K of the air is about 1 µm/m of every length."
+        "No expected uncertainty contains the wavelength in air beyond what good sensors leave, the"
+        " expansion of the machine or the dead path, which are common to all stops; without a "
+        "weather station 1 K of the air is about 1 µm/m of every length. Those by noise alone do"
+        " not contain undetermined rotations either, which are mostly the largest part."
     )
     return sentences
 

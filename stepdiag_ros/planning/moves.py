@@ -75,10 +75,11 @@ def moves_of(plan: Plan) -> list[Move]:
     dwell = dwell_of(plan)
     for number, one in enumerate(passes_of(plan), start=1):
         first_stop = len(one.targets) - one.stops
-        title = f"Line {number} of {len(plan.lines)}: {describe(one.line)}"
+        way = describe(one.line).replace(f", repeat {one.line.repeat}", "")
+        title = f"Pass {number} of {len(plan.lines)}: {way}"
         align = ""
         if one.new_setup:
-            clear = f"Clear the way to the first stop of line {number} for tool, mirror and cable"
+            clear = f"Clear the way to the first stop of pass {number} for tool, mirror and cable"
             moves.append(Move(one.targets[0], 0.0, program_stop=clear))
             align = f"Align laser and mirror for {one.setup}, {beam_words(one.line)}"
         for index, target in enumerate(one.targets):
@@ -115,7 +116,7 @@ def program_of(plan: Plan, machine: Machine, dialect: Dialect | None = None) -> 
         name=plan.name,
         remarks=(
             f"Machine: {machine.name}",
-            f"{len(plan.lines)} lines, {plan.stop_count} stops; the laser is read during each "
+            f"{len(plan.lines)} passes, {plan.stop_count} stops; the laser is read during each "
             "dwell, M0 before each new alignment",
         ),
         dialect=dialect,

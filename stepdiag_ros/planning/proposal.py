@@ -34,22 +34,29 @@ _LEAST_BLOCKS_OF_STANDARDS = 4
 """Five targets at least (ISO 230-2:2014, 4.3.2)."""
 
 
+_OVERRUN = 0.002
+"""Of the purposes of a standard, m."""
 _SETTLE = 0.5
 """Part of a dwell in which the machine calms down; the rest is averaged, s."""
+_FREE_BY_HAND = 0.25
+"""Share of a dwell that is neither, without a connection to the control."""
 
 
-def sampling_with(dwell: float) -> Sampling:
+def sampling_with(dwell: float, by_hand: bool = False) -> Sampling:
     """Return how stops of a dwell are read: half a second, or half of it, to calm down.
 
     Args:
         dwell: s.
+        by_hand: the dwell begins when the move is commanded to end, not when the machine is in
+            position, and readings come now and then: a quarter of it stays free for the settling
+            of the drives and the intervals between readings.
     """
-    settle = min(_SETTLE, 0.5 * dwell)
+    settle = min(_SETTLE, 0.25 * dwell if by_hand else 0.5 * dwell)
     standard = Sampling()
     return Sampling(
         dwell=dwell,
         settle=settle,
-        window=dwell - settle,
+        window=dwell - settle - (_FREE_BY_HAND * dwell if by_hand else 0.0),
         longest_wait=max(standard.longest_wait, 3.0 * dwell),
     )
 
@@ -73,7 +80,7 @@ class Request:
         spacing: largest distance between targets, m; the purpose's own if None.
         repeats: of every line; sought if None.
         directions: of every line; the purpose's own if None.
-        overrun: of the purposes whose lines begin with one, m.
+        overrun: with which lines begin, m; None: 2 mm for the purposes of a standard, else none.
         sampling: of the stops.
         assumptions: for the duration.
     """
@@ -91,7 +98,7 @@ class Request:
     spacing: float | None = None
     repeats: int | None = None
     directions: tuple[str, ...] | None = None
-    overrun: float = 0.002
+    overrun: float | None = None
     sampling: Sampling = field(default_factory=lambda: sampling_with(1.0))
     assumptions: Assumptions = field(default_factory=Assumptions)
 
@@ -195,9 +202,10 @@ def _candidates(
     request: Request, purpose: PlanPurpose, discarded: dict[str, str]
 ) -> Iterator[PlanCandidate]:
     """Make every plan; what a set of lines lacks goes into ``discarded``."""
-    if purpose.overrun and request.overrun > request.margin:
+    overrun = _overrun(request, purpose)
+    if overrun > request.margin:
         raise Refusal(
-            f"an overrun of {request.overrun:g} m does not fit into the margin of "
+            f"an overrun of {overrun:g} m does not fit into the margin of "
             f"{request.margin:g} m at the ends of the travel",
             fault="out_of_range",
             aspect="overrun",
@@ -232,7 +240,7 @@ def _candidates(
                     plan=plan,
                     duration=duration(plan, request.machine, request.assumptions),
                     expectation=expectation,
-                    uncertainty=_target(purpose, expectation, known),
+                    uncertainty=target_uncertainty(purpose, expectation, known),
                     determined=known,
                 )
 
@@ -262,7 +270,6 @@ def _volumes(
 def _plan(
     request: Request, scheme: Scheme, volume: Volume, repeats: int, directions: tuple[str, ...]
 ) -> Plan:
-    overrun = request.overrun if PURPOSES[request.purpose].overrun else 0.0
     sides = " x ".join(f"{step * volume.blocks * 1e3:g}" for step in volume.step)
     return Plan(
         name=f"{request.purpose}: {scheme.words}, {sides} mm",
@@ -272,12 +279,27 @@ def _plan(
         sampling=request.sampling,
         pause_for_setup=True,
         one_alignment_per_diagonal=scheme.one_alignment,
-        overrun=overrun,
+        overrun=_overrun(request, PURPOSES[request.purpose]),
     )
 
 
-def _target(purpose: PlanPurpose, expectation: PlanExpectation, known: tuple[str, ...]) -> float:
-    """Return the expanded uncertainty that counts; that of the volume, where the box is asked."""
+def _overrun(request: Request, purpose: PlanPurpose) -> float:
+    """Return the overrun that is wished, or the usual one of the purpose, m."""
+    if request.overrun is not None:
+        return request.overrun
+    return _OVERRUN if purpose.overrun else 0.0
+
+
+def target_uncertainty(
+    purpose: PlanPurpose, expectation: PlanExpectation, known: tuple[str, ...]
+) -> float:
+    """Return the expanded uncertainty that counts; that of the volume, where the box is asked.
+
+    Args:
+        purpose: of the plan.
+        expectation: standard uncertainties.
+        known: names of what counts and is determined.
+    """
     uncertainties = purpose.uncertainties(expectation)
     if VOLUMETRIC in uncertainties:
         return COVERAGE_FACTOR * uncertainties[VOLUMETRIC]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Wedge
 
 from stepdiag_ros.evaluation.report import (
     Truth,
@@ -22,6 +23,7 @@ from stepdiag_ros.metrology.standards.diagonal_squareness import (
     SHIFTS_OF_RL,
     squareness_error_of_shift,
 )
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.plots.curves import many
 from stepdiag_ros.plots.panel import INK, LABEL_SIZE
@@ -44,6 +46,8 @@ _PLANES = {"C0Y": "seen from +Z", "B0Z": "seen from −Y", "A0Z": "seen from +X"
 _LEANS_TO_MINUS = {"C0Y": 1.0, "B0Z": -1.0, "A0Z": 1.0}
 """A right-handed rotation leans the drawing's vertical axis to the left (+1) or right (-1)."""
 _DRAWN_ANGLE = np.radians(14.0)
+_WIDEST_DRAWN = np.radians(75.0)
+"""To which an interval is cut off, on either side."""
 _ROW_OF_WORDS = 0.12
 """Height of a row of numbers below a drawing, inches."""
 
@@ -106,7 +110,12 @@ def squareness(
     factor = f"{float(f'{exaggeration:.2g}'):,.0f}"
     heading = f"Squareness, angles drawn {factor} times larger"
     under = [f"sign of the figures: {SIGN_DEFINITIONS[definition]}"] if numbers else []
-    said = frame_sentences(drawn)
+    said = ["A shaded angle is the interval of ± U (95 %).", *frame_sentences(drawn)]
+    if truth is not None:
+        said.append(
+            "Truth: of the least-squares lines through the true curves, so with the slopes of"
+            " these beside the angles of the cell file."
+        )
     if title is not None:
         said = [f"Angles drawn {factor} times larger.", *said]
     return sheet.finish(
@@ -133,6 +142,15 @@ def _lean(
         if one.name != name:
             continue
         angle = _LEANS_TO_MINUS[name] * one.value * exaggeration
+        spread = COVERAGE_FACTOR * one.standard_uncertainty * exaggeration
+        if np.isfinite(spread):
+            low, high = (
+                90.0 + np.degrees(np.clip(angle + way, -_WIDEST_DRAWN, _WIDEST_DRAWN))
+                for way in (-spread, spread)
+            )
+            axes.add_patch(
+                Wedge((0.0, 0.0), 1.0, low, high, color=style.colour, alpha=0.12, linewidth=0.0)
+            )
         axes.plot(
             [0.0, -np.sin(angle)],
             [0.0, np.cos(angle)],

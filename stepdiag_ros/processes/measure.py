@@ -23,6 +23,8 @@ LOOK_AROUND = 1.5
 """Real seconds in which a measurement that already runs in the domain would be discovered."""
 START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""
+BUSY = "End other programs, or give a lower --factor"
+"""What to do where a simulated run fails for want of time."""
 LOOK_PERIOD = 0.5
 """Real seconds between two looks at nodes that start."""
 
@@ -135,6 +137,8 @@ class MeasuringSession:
         )
         try:
             measured = run.measure()
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(self._recorded(operator.last_state)) from None
         finally:
             if run.run_id:
                 told = run.measured.bag if run.measured else None
@@ -175,7 +179,10 @@ class MeasuringSession:
                     return "; ".join(faults)
                 what = "not all came up" if unheard else "all are up, but not ready"
                 count = f"{len(names) - len(unheard)} of {len(names)} nodes"
-                raise RunFailed(f"{count}: {what}. {'; '.join(faults) or words}")
+                raise RunFailed(
+                    f"{count}: {what} after {START_LIMIT:g} s. {'; '.join(faults) or words}."
+                    f" {self._advice()}"
+                )
         self._check(operator, processes)
         return ""
 
@@ -196,6 +203,13 @@ class MeasuringSession:
             return bool(stopped)
         raise RunFailed(f"{ended[0]}; {self._recorded(operator.last_state)}")
 
+    def _advice(self) -> str:
+        """Say what to do where nodes do not come up."""
+        logs = f"What the nodes say is in {self._folder / 'logs'}"
+        if self._on_machine:
+            return f"See to the devices, or end other programs. {logs}"
+        return f"Everything is simulated here, so this computer was too busy. {BUSY}. {logs}"
+
     def _recorded(self, state: Any) -> str:
         """Say what there is of the last run, by its last RunState; None if there was no run."""
         bag = self._folder / f"{file_name_of(state.run_id if state else '')}.mcap"
@@ -209,7 +223,6 @@ def _go_on(state: State, text: str) -> bool:
     if state is State.FAULT:
         raise RunFailed(
             f"the run has stopped: {text}. Everything is simulated here: if the cell file does"
-            " not ask for such a fault, this computer was too busy. End other programs, or give a"
-            " lower --factor"
+            f" not ask for such a fault, this computer was too busy. {BUSY}"
         )
     return state is State.WAITING_FOR_SETUP

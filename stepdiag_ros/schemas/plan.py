@@ -86,7 +86,18 @@ class Expectation:
 class Expectations:
     """Expected standard uncertainties by solver."""
 
-    least_squares: Expectation
+    least_squares: Annotated[Expectation, means("By the noise of the stops alone.")]
+    with_rotations: (
+        Annotated[
+            Expectation,
+            means(
+                "As least_squares will print them: also with rotations of the size that is"
+                " plausible of the machine, as far as no line shows them, and with the laser's"
+                " scale."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     rigid_body: Annotated[Expectation | None, means("Null if the chain is not known.")]
 
 

@@ -181,7 +181,7 @@ def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
     size = with_expanded(accuracy.value, expanded_uncertainty, IN_MICRO)
     return (
         f"Largest error in the measured volume: {size} µm at {place} mm"
-        f" ({vector} µm, relative to the first corner of the volume)."
+        f" (error vector: {vector} µm; it is zero at the first corner of the volume)."
     )
 
 

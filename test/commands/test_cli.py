@@ -426,6 +426,10 @@ def test_wrong_usage_ends_with_2(arguments, capsys):
     [
         (("run", "--corection", "m"), "stepdiag run: error: there is no option --corection; did"),
         (("schema", "--nothing"), "error: there is no option --nothing; 'stepdiag schema --help'"),
+        (
+            ("compensate", "a.mcap", "--fro", "x"),
+            "error: there is no option --fro; did you mean --f",
+        ),
         (("info", "a.mcap", "b.mcap"), "stepdiag info: error: one argument too many: b.mcap"),
         (("tracker", "figures", "x", "--sed=1"), "figures: error: there is no option --sed;"),
     ],

@@ -61,7 +61,7 @@ def test_the_summary_says_what_the_diagnosis_says(made, measurement):
     assert summary.after.rms < 0.5 * summary.before.rms
     assert summary.time == max(line.end_time for line in measurement.lines)
     assert summary.remarks == ()
-    assert summary.words.startswith("NAMED (28 lines): The model lacks backlash of X")
+    assert summary.words.startswith("NAMED (28 passes): The model lacks backlash of X")
 
 
 def test_the_model_is_told_with_its_text_and_hash(made):
@@ -93,7 +93,7 @@ def test_what_is_missing_is_remarked(plan, measurement):
     summary = diagnose_lines(some, plan, TEXT, 0)
     assert summary.remarks[0] == NO_CHAIN
     assert summary.remarks[1].startswith("24 of the plan's 28 lines are not among them: y, z, ppp,")
-    assert "(4 of 28 lines)" in summary.words
+    assert "(4 of 28 passes)" in summary.words
     assert when_over(summary) == replace(summary, run_over=True) != summary
 
 
@@ -145,13 +145,13 @@ def test_a_run_against_a_model_that_is_not_there_is_refused_at_once(capsys, tmp_
 
 def test_info_shows_the_last_verdict(capsys):
     assert cli.main(["info", str(BAG)]) == 0
-    assert "Diagnosis: AMBIGUOUS (1 of 3 lines): by hand\n" in capsys.readouterr().out
+    assert "Diagnosis: AMBIGUOUS (1 of 3 passes): by hand\n" in capsys.readouterr().out
 
 
 def test_solve_remarks_the_last_verdict_and_whether_the_run_was_over():
     run = load_run(BAG)
     (remark,) = diagnosed(run)
-    assert remark.startswith("diagnosis beside the run, AMBIGUOUS (1 of 3 lines): by hand")
+    assert remark.startswith("diagnosis beside the run, AMBIGUOUS (1 of 3 passes): by hand")
     (early,) = (replace(one, run_over=False) for one in run.diagnoses)
     (remark,) = diagnosed(replace(run, diagnoses=(early,)))
     assert "the last before the recording ends" in remark

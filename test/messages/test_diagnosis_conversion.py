@@ -87,7 +87,7 @@ def test_a_diagnosis_survives_the_way_through_a_message(new):
     again = to_diagnosis(received)
     # NaN is not equal to itself, but written alike.
     assert repr(again) == repr(SUMMARY)
-    assert again.words == "AMBIGUOUS (6 of 28 lines): The gap closes."
+    assert again.words == "AMBIGUOUS (6 of 28 passes): The gap closes."
 
 
 def test_every_field_of_the_messages_is_filled():

@@ -71,6 +71,7 @@ def test_json_says_the_same_as_the_functions(capsys):
     assert document["duration"]["total"] == assessment.duration.total
     said = document["expected_standard_uncertainty"]
     assert said["least_squares"]["squareness"] == assessment.expectation.squareness
+    assert said["with_rotations"]["squareness"] == assessment.with_rotations.squareness
     assert said["rigid_body"]["angular"]["E_BY"] is None
     assert document["visibility"]["errors"]["E_XX"]["status"] == "determined"
 

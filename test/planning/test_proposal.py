@@ -13,10 +13,11 @@ from stepdiag_ros.configuration import available, load_machine, load_plan, plan_
 from stepdiag_ros.evaluation.build import truth_of
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
-from stepdiag_ros.metrology.plausible import NOTHING
+from stepdiag_ros.metrology.plausible import NOTHING, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
+from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.visibility import DETERMINED, visibility
 from stepdiag_ros.planning import limits
 from stepdiag_ros.planning.assessment import assess
@@ -29,7 +30,12 @@ from stepdiag_ros.planning.candidates import (
     travel_machine,
     volume_in,
 )
-from stepdiag_ros.planning.expectation import expect, nominal_measurement
+from stepdiag_ros.planning.expectation import (
+    POSITIONING,
+    expect,
+    expect_with_rotations,
+    nominal_measurement,
+)
 from stepdiag_ros.planning.limits import warnings
 from stepdiag_ros.planning.plan_text import plan_text
 from stepdiag_ros.planning.proposal import COVERAGE_FACTOR, Request, propose
@@ -90,6 +96,47 @@ def test_least_squares_gives_the_uncertainty_that_was_promised(purpose):
             given = np.max(result.standard_uncertainty[name])
             assert given == pytest.approx(promised, rel=1e-6)
     assert expect(candidate.plan, NOISE).degrees_of_freedom == result.degrees_of_freedom
+
+
+@pytest.mark.parametrize("rotation", [3e-6, 30e-6])
+def test_a_plan_promises_the_uncertainty_that_plausible_rotations_leave(rotation):
+    plan = proposed("volumetric").chosen.plan
+    promised = expect_with_rotations(plan, NOISE, "YXZ", rotation)
+    measured = simulate(plan, cell_over(plan.volume), seed=3)
+    measured = replace(measured, chain="YXZ", plausible=Plausible(rotation))
+    result = solve(measured, "least_squares")
+    for name in SQUARENESS:
+        told = result.figure(name).standard_uncertainty
+        assert told == pytest.approx(promised.squareness[name], rel=0.1)
+        # It is another quantity than what noise alone leaves, and must not be taken for it.
+        assert told > 10.0 * expect(plan, NOISE).squareness[name]
+    for name in POSITIONING:
+        told = np.max(result.standard_uncertainty[name])
+        assert told == pytest.approx(promised.positioning[name], rel=0.1)
+    told = of_result(result, "YXZ", measured.plausible).standard_uncertainty
+    assert 0.0 < told <= 1.1 * promised.volumetric
+
+
+def test_without_plausible_rotations_a_plan_promises_no_less_than_noise_makes():
+    plan = proposed("squareness").chosen.plan
+    by_noise, stiff = expect(plan, NOISE), expect_with_rotations(plan, NOISE, "YXZ", 0.0)
+    turning = expect_with_rotations(plan, NOISE, "YXZ", 3e-6)
+    for name in SQUARENESS:
+        assert stiff.squareness[name] >= by_noise.squareness[name] * (1 - 1e-9)
+        # The laser's scale is left.
+        assert stiff.squareness[name] < 0.3 * turning.squareness[name]
+
+
+def test_an_overrun_that_is_wished_is_in_every_plan():
+    plan = proposed("volumetric", overrun=0.003).chosen.plan
+    assert plan.overrun == 0.003 and proposed("volumetric").chosen.plan.overrun == 0.0
+
+
+@pytest.mark.parametrize("overrun", [0.0, 0.002])
+def test_a_plan_without_run_up_says_that_its_ends_show_no_reversal(overrun):
+    plan = proposed("volumetric", overrun=overrun).chosen.plan
+    said = assess(plan, MACHINE, NOISE).limits
+    assert any("--overrun" in text for text in said) == (overrun == 0.0)
 
 
 def test_the_scatter_of_simulated_results_is_the_promised_uncertainty():

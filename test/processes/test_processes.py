@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -11,6 +12,7 @@ from patience import PATIENCE
 from refused import refused
 
 import stepdiag_ros
+from stepdiag_ros.processes import measure
 from stepdiag_ros.processes.following import RunFailed
 from stepdiag_ros.processes.graph import in_graph
 from stepdiag_ros.processes.measure import MeasuringSession
@@ -79,3 +81,45 @@ def test_whoever_looks_in_a_wrong_namespace_learns_the_right_one():
     found = StepdiagNode.namespaces_with(node, "sequencer")
     assert "/cell_1, /cell_2" in found and "/cell_3" not in found
     assert StepdiagNode.namespaces_with(node, "clock") == ""
+
+
+@pytest.mark.parametrize("on_machine", [False, True])
+def test_where_nodes_do_not_come_up_it_is_said_what_to_do_and_where_they_wrote(
+    tmp_path, monkeypatch, on_machine
+):
+    monkeypatch.setattr(measure, "START_LIMIT", 0.0)
+    session = MeasuringSession([NodeProcess("weather")], tmp_path, lambda _: None)
+    session._on_machine = on_machine
+    operator = SimpleNamespace(
+        real_time=time.monotonic,
+        spin_until=lambda *_: False,
+        last_state=None,
+        watch=SimpleNamespace(peers={}),
+    )
+    nodes = SimpleNamespace(ended=dict, stopped=dict)
+    with refused(RunFailed, None, "0 of 1", str(tmp_path / "logs")) as info:
+        session._wait_for_nodes(operator, nodes)
+    # A real machine has no factor.
+    assert ("--factor" in str(info.value)) == (not on_machine)
+
+
+def test_a_stopped_run_says_how_many_lines_are_in_which_bag(tmp_path, monkeypatch):
+    class Interrupted:
+        run_id, measured = "20260203T040506Z-a", None
+
+        def __init__(self, *_):
+            pass
+
+        def measure(self):
+            raise KeyboardInterrupt
+
+    session = MeasuringSession([], tmp_path, lambda _: None)
+    monkeypatch.setattr(measure, "FollowedRun", Interrupted)
+    monkeypatch.setattr(session, "_wait_for_nodes", lambda *_: "")
+    bag = tmp_path / f"{Interrupted.run_id}.mcap"
+    bag.touch()
+    state = SimpleNamespace(run_id=Interrupted.run_id, line_index=3, line_count=7)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        session._measure(SimpleNamespace(last_state=state), SimpleNamespace())
+    assert session.bag == bag
+    assert all(word in str(stopped.value) for word in ("3", "7", str(bag)))

@@ -186,8 +186,8 @@ def _splits(stops: Stops) -> Iterator[tuple[str, Booleans]]:
         yield f"run {run.max()}, the last", run == run.max()
     repeat = np.array([line.repeat for line in stops.lines])[stops.pass_index]
     if repeat.max() > repeat.min():
-        yield f"the last repeat (number {repeat.max()}) of every line", repeat == repeat.max()
-        yield "the first repeat (number 0) of every line", repeat == 0
+        yield "the last repeat of every line", repeat == repeat.max()
+        yield "the first repeat of every line", repeat == 0
     else:
         setups = len(stops.setups)
         last = np.array([_last_of_its_line(stops, setup) for setup in range(setups)])

@@ -231,4 +231,4 @@ class DiagnosisSummary:
         """Return the verdict, on how many lines it rests, and what it means, for people."""
         whole = self.lines >= self.lines_planned
         count = f"{self.lines}" if whole else f"{self.lines} of {self.lines_planned}"
-        return f"{self.verdict} ({count} lines): {self.sentence}"
+        return f"{self.verdict} ({count} passes): {self.sentence}"

@@ -31,7 +31,12 @@ from stepdiag_ros.metrology.solvers.monte_carlo import LeastSquaresEstimator
 from stepdiag_ros.metrology.solvers.noise_factor import noise_factor
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
-from stepdiag_ros.metrology.solvers.rotations import rotation_remarks, turned, with_rotations
+from stepdiag_ros.metrology.solvers.rotations import (
+    Turned,
+    rotation_remarks,
+    turned,
+    with_rotations,
+)
 from stepdiag_ros.metrology.solvers.summary import (
     CurveEstimate,
     deviations_from_line,
@@ -61,14 +66,9 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
     remarks += rotation_remarks(measurement, rotations)
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
-    unseen = design.curves_unseen()
-    scale = design.of_curves(both.by_lengths)
-    covariance = design.curve_covariance()
-    covariance *= rotations.noise_factor
-    covariance += scale @ scale.T
+    estimate = estimate_of(both)
     by_readings = both.scatter()
-    by_readings += covariance
-    estimate = with_rotations(fit.curves, covariance, unseen, both, both.change, predicted=True)
+    by_readings += estimate.covariance
     known = observations.noise_known and design.degrees_of_freedom > 0
     return make_result(
         "least_squares",
@@ -85,6 +85,17 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         shown=design.names,
         by_readings=by_readings,
     )
+
+
+def estimate_of(both: Turned) -> CurveEstimate:
+    """Return the curves of a fit with rotations beside it, with all that makes them uncertain."""
+    design = both.design
+    scale = design.of_curves(both.by_lengths)
+    covariance = design.curve_covariance()
+    covariance *= both.rotations.noise_factor
+    covariance += scale @ scale.T
+    unseen = design.curves_unseen()
+    return with_rotations(both.fit.curves, covariance, unseen, both, both.change, predicted=True)
 
 
 def solve_design(method: str, design: Design, plausible: Plausible) -> VolumetricErrors:

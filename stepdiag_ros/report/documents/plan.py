@@ -85,6 +85,7 @@ def assessment_document(
         duration=_duration(assessment.duration),
         expected_standard_uncertainty=Expectations(
             least_squares=part_of(Expectation, assessment.expectation),
+            with_rotations=part_of(Expectation, assessment.with_rotations),
             rigid_body=None if rotating is None else part_of(Expectation, rotating),
         ),
         visibility=visibility_part(assessment.seen),

@@ -16,7 +16,7 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
 from stepdiag_ros.report.tables.diagnosis import rivals_words
-from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, two_digits, with_expanded
+from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, with_expanded, with_uncertainty
 from stepdiag_ros.words.budget import LOWERED_BY
 from stepdiag_ros.words.diagnosis import sizes_words
 from stepdiag_ros.words.lead import missing_words, sentences_of
@@ -72,6 +72,12 @@ class ToleranceJudgement:
         return UNKNOWN if size == UNKNOWN else f"{size} µm{bound}"
 
     @property
+    def reservation(self) -> str:
+        """Say on what a decision rests beyond the figures; empty without a decision or a doubt."""
+        decided = self.verdict in (KEEPS, EXCEEDS)
+        return ", as far as the uncertainty is known" if decided and self.lower_bound else ""
+
+    @property
     def limit(self) -> str:
         """Write the tolerance as exactly as it was given."""
         return f"{self.tolerance * IN_MICRO:.10g} µm"
@@ -122,7 +128,9 @@ def _worst(material: Material, judged: ToleranceJudgement, headline: str) -> str
     )
     if judged.size in headline:
         return f"at {where} mm (U: 95 %)"
-    return f"Worst error {judged.size} (U: 95 %) at {where} mm"
+    size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
+    bound = ", at least" if judged.lower_bound else ""
+    return f"Worst error {size} µm (U: 95 %{bound}) at {where} mm"
 
 
 def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]:
@@ -146,9 +154,7 @@ def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]
             return "neutral", "No error of this machine stands out from the noise"
         return "neutral", f"Largest error in the measured volume: {judged.size}"
     tone, text = words[judged.verdict]
-    if judged.lower_bound and judged.verdict != OPEN:
-        text += ", as far as the uncertainty is known"
-    return tone, text
+    return tone, text + judged.reservation
 
 
 def _judged(judged: ToleranceJudgement) -> list[str]:
@@ -177,19 +183,32 @@ def _basis(material: Material) -> str:
     if not any(math.isfinite(one.value) for one in material.single_errors):
         return "The ± in the sections are those of the readings."
     known = material.given.instrument_source
+    budget = "the uncertainty budget"
     if not known:
-        basis = (
-            "are those of the readings, of plausible rotations and of the laser's scale: how well"
-            " laser, air and setup are known was not told."
+        of_laser = (
+            f"; nothing was stated of laser, air and setup, so that {budget} does not contain them"
+            " and every ± is a lower bound"
         )
     elif material.lower_bound:
-        basis = (
-            f"have what {known} tells of laser, air and setup in them; not all of it is known, so"
-            " they are lower bounds."
+        of_laser = (
+            f" and contains what {known} states of laser, air and setup; not all of that is known,"
+            " so that every ± is a lower bound"
         )
     else:
-        basis = f"have what {known} tells of laser, air and setup in them."
-    return f"The ± on this page {basis} Tables headed '{OF_READINGS}' have the readings alone."
+        of_laser = f" and contains what {known} states of laser, air and setup"
+    narrow, wide = (
+        f" ({with_uncertainty(one.value, one.value * IN_MICRO)[1]} µm for the largest error)"
+        if math.isfinite(one.value)
+        else ""
+        for one in (material.expanded_of_readings, material.expanded_of_budget)
+    )
+    return (
+        f"Each ± on this page and the next is the larger of two. Tables headed '{OF_READINGS}',"
+        " stepdiag solve and stepdiag volumetric have the first: of the readings, of the laser's"
+        " scale and of pitch, yaw and roll as far as the readings of this run leave them open"
+        f"{narrow}. The second is U of {budget}{wide}: it takes pitch, yaw and roll in their whole"
+        f" plausible size, whatever the readings show{of_laser}."
+    )
 
 
 def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
@@ -226,11 +245,14 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
     elif material.compensation is not None and not said:
         change = material.compensation.remainder.change("volume, largest")
         if change.after < change.before:
-            before, after = (plain(one * IN_MICRO, 2) for one in (change.before, change.after))
             expanded = judged.expanded_uncertainty
+            (before, within), (after, _) = (
+                with_uncertainty(one * IN_MICRO, expanded * IN_MICRO)
+                for one in (change.before, change.after)
+            )
             reached = f"{after} µm"
             if change.after < expanded:
-                reached = f"within its uncertainty of {two_digits(expanded * IN_MICRO)} µm"
+                reached = f"within its uncertainty of {within} µm"
             said.append(
                 f"compensation could bring the largest error in the volume, with reversal, from"
                 f" {before} µm to {reached}. Measure again after it."
@@ -256,16 +278,13 @@ def _facts(material: Material, judged: ToleranceJudgement) -> list[Fact]:
     largest = judged.size
     if judged.noise:
         largest = f"{plain(judged.value * IN_MICRO, 3)} µm, no more than noise makes"
-    facts = [
+    return [
         Fact("Largest error in the volume", largest),
         Fact(
             "Root mean square over its nodes",
             f"{plain(rms * IN_MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
         ),
         Fact("Model and run", verdict_words(material)),
-        Fact("Machine", report.machine or UNKNOWN),
+        Fact("Machine", (report.machine or UNKNOWN) + (", simulated" if report.simulated else "")),
         Fact("Customer", material.given.customer or UNKNOWN),
     ]
-    if report.simulated:
-        facts.append(Fact("Measured on", "a simulated machine"))
-    return facts

@@ -226,16 +226,25 @@ class Material:
         The larger of two: of what the readings tell alone, and of all sources that the budget
         knows, with the largest coverage factor that it has for a curve; see ``lower_bound``.
         """
-        preferred = self.report.preferred()
-        if preferred is None:
+        return larger(self.expanded_of_readings, self.expanded_of_budget)
+
+    @property
+    def expanded_of_readings(self) -> Expanded:
+        """Return that of the result itself, without the budget; NaN where not known."""
+        if self.accuracy is None:
             return Expanded()
-        alone = Expanded.of_normal(self.accuracies[preferred.method].standard_uncertainty)
-        if self.budget is None:
-            return alone
+        return Expanded.of_normal(self.accuracy.standard_uncertainty)
+
+    @cached_property
+    def expanded_of_budget(self) -> Expanded:
+        """Return what the sources of the budget make of it; NaN where not known."""
+        preferred = self.report.preferred()
+        if preferred is None or self.budget is None:
+            return Expanded()
         budget = self.budget.budget
         found = of_result(_with_sources(preferred, budget), self.report.chain)
         factor = _largest_coverage_factor(budget)
-        return larger(alone, Expanded(factor * found.standard_uncertainty, factor))
+        return Expanded(factor * found.standard_uncertainty, factor)
 
     @property
     def expanded_uncertainty(self) -> float:

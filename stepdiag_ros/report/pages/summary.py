@@ -5,9 +5,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from stepdiag_ros.evaluation.report import method_title
-from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
-from stepdiag_ros.report.pages.lead import EXCEEDS, KEEPS, NOT_ASKED, OPEN, judge, verdict_words
+from stepdiag_ros.report.pages.lead import (
+    EXCEEDS,
+    KEEPS,
+    NOT_ASKED,
+    OPEN,
+    ToleranceJudgement,
+    judge,
+    verdict_words,
+)
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Chapter, Fact, chapter
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn
@@ -15,6 +22,7 @@ from stepdiag_ros.report.pages.section import SectionContent
 from stepdiag_ros.report.pages.sections.measurement import condition_facts
 from stepdiag_ros.text.numbers import UNKNOWN, with_expanded
 from stepdiag_ros.text.table import Table, new_table
+from stepdiag_ros.words.squareness import SIGN_DEFINITIONS
 
 KEY = "summary"
 DECISIONS = {
@@ -26,6 +34,7 @@ DECISIONS = {
 DECISION_RULE = (
     "ISO 14253-1: conforms if value + U is within the limit, does not if value - U is beyond it"
 )
+TITLE_OF_ERRORS = "Errors over the travel, peak to peak (ISO 230-1), U: 95 %"
 _SIGNED_BY = ("Measured by", "Checked by", "Accepted for the customer by")
 
 
@@ -45,6 +54,7 @@ def summary_of(material: Material) -> SectionContent:
     signed = dict(zip(_SIGNED_BY, (given.operator, "", given.customer), strict=True))
     values: dict[str, Any] = {
         "errors": _errors(material),
+        "sign": f"Sign of an angle: {SIGN_DEFINITIONS['rotation']}.",
         "conformity": _conformity(material),
         "conditions": condition_facts(material),
         "signed": signed,
@@ -62,11 +72,11 @@ def summary_chapter(
 def _errors(material: Material) -> Table:
     """Return all single errors, those that are not determined as unknown."""
     table = new_table(
-        "Errors over the travel, peak to peak (ISO 230-1), U: 95 %",
+        TITLE_OF_ERRORS,
         "error",
         "",
         "value ± U / µm",
-        "as an angle ± U / µm/m",
+        "angle with sign ± U / µm/m",
         "travel / mm",
     )
     table.columns[1].number = False
@@ -74,9 +84,8 @@ def _errors(material: Material) -> Table:
         known = math.isfinite(one.value)
         size = with_expanded(one.value, one.expanded_uncertainty, IN_MICRO) if known else UNKNOWN
         angle = ""
-        if one.name in AXES_OF and known:
-            per_metre = IN_MICRO / one.travel
-            angle = with_expanded(one.value, one.expanded_uncertainty, per_metre)
+        if known and math.isfinite(one.angle):
+            angle = with_expanded(one.angle, one.expanded_uncertainty / one.travel, IN_MICRO)
         what = one.words.replace(f" {one.name}", "")
         table.add_row(one.name, what, size, angle, f"{one.travel * IN_MILLI:.0f}")
     return table
@@ -89,10 +98,20 @@ def _conformity(material: Material) -> list[Fact]:
         Fact("Largest error allowed", judged.limit if asked else "not agreed"),
         Fact("Largest error ± U (95 %)", judged.size),
         Fact("Decision rule", DECISION_RULE),
-        Fact("Decision", DECISIONS[judged.verdict]),
+        Fact("Decision", _decision(material, judged)),
         Fact("Model and run", verdict_words(material)),
         Fact("Method", _method(material)),
     ]
+
+
+def _decision(material: Material, judged: ToleranceJudgement) -> str:
+    """Say what is signed, with the reservation of the first page and what it is about."""
+    decision = DECISIONS[judged.verdict]
+    if not judged.reservation:
+        return decision
+    known = material.given.instrument_source
+    about = f"not all of {known} is known" if known else "of the instrument nothing was stated"
+    return f"{decision}{judged.reservation} ({about})"
 
 
 def _method(material: Material) -> str:

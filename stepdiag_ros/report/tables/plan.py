@@ -11,7 +11,13 @@ from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.duration import LineDuration, PlanDuration
 from stepdiag_ros.planning.mirror import mirror_width
-from stepdiag_ros.planning.proposal import PlanCandidate, PlanProposal, hours, size_words
+from stepdiag_ros.planning.proposal import (
+    PlanCandidate,
+    PlanProposal,
+    hours,
+    size_words,
+    target_uncertainty,
+)
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
@@ -62,12 +68,14 @@ def _minutes(seconds: float) -> str:
 
 
 def uncertainty_table(assessment: Assessment) -> Table:
-    """Return the expected expanded uncertainties, without and with rotations in the model."""
+    """Return the expected expanded uncertainties, without and with rotations."""
+    size = f"rotations {_microradians(assessment)}"
     table = new_table(
-        "Expected uncertainty U (95 %) from the readings' noise, without undetermined rotations",
-        *("", "unit", "least_squares", "rigid_body"),
+        "Expected uncertainty U (95 %): least_squares with plausible rotations, and by noise alone",
+        *("", "unit", f"least_squares, {size}", "noise alone", "rigid_body, noise alone"),
     )
     plain_model, rotating = assessment.expectation, assessment.rotating
+    printed = assessment.with_rotations
     for words, group, unit in (
         ("positioning, largest over the nodes", "positioning", "µm"),
         ("straightness, largest deviation from its line", "straightness", "µm"),
@@ -76,20 +84,27 @@ def uncertainty_table(assessment: Assessment) -> Table:
     ):
         without = getattr(plain_model, group)
         within = {} if rotating is None else getattr(rotating, group)
+        said = getattr(printed, group)
         for number, name in enumerate(within or without):
             table.add_row(
                 f"{name}  {words}" if number == 0 else name,
                 unit,
+                _expanded(said[name]) if name in said else "not estimated",
                 _expanded(without[name]) if name in without else "not estimated",
                 _expanded(within[name]) if name in within else UNKNOWN,
             )
     table.add_row(
         "mirror's point, anywhere in the box, each direction",
         "µm",
+        _expanded(printed.volumetric),
         _expanded(plain_model.volumetric),
         "",
     )
     return table
+
+
+def _microradians(assessment: Assessment) -> str:
+    return f"{assessment.machine.rotations * IN_MICRO:g} µrad"
 
 
 def _expanded(standard_uncertainty: float) -> str:
@@ -118,7 +133,8 @@ def alternatives_table(proposal: PlanProposal) -> Table:
     """Return the candidates that are worth a thought, the chosen one marked."""
     purpose = PURPOSES[proposal.request.purpose]
     table = new_table(
-        "Quicker or better plans", "lines", "blocks", "repeats", "align", "duration", "U (95 %)"
+        "Quicker or better plans, U (95 %) by noise alone",
+        *("lines", "blocks", "repeats", "align", "duration", "U"),
     )
     shown = list(proposal.front)
     if all(one is not proposal.chosen for one in shown):
@@ -169,11 +185,20 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
             " at least that much wider than the beam."
         )
     if proposal is not None:
-        purpose = PURPOSES[proposal.request.purpose]
+        purpose, chosen = PURPOSES[proposal.request.purpose], proposal.chosen
+        by_noise = size_words(chosen.uncertainty, purpose.unit)
+        expected, about = by_noise, " by the noise of the stops alone"
+        if not purpose.rotations:
+            whole = target_uncertainty(purpose, assessment.with_rotations, chosen.determined)
+            expected = size_words(whole, purpose.unit)
+            about = (
+                f" with pitch, yaw and roll of {_microradians(assessment)} (rotations, as in the"
+                " machine file or its default), as far as these lines do not determine them;"
+                f" {by_noise}{about}, by which plans are compared here"
+            )
         sentences.append(
-            f"For {purpose.words}: expected uncertainty (95 %) of {purpose.target} "
-            f"{size_words(proposal.chosen.uncertainty, purpose.unit)}. This plan is "
-            f"{proposal.reason}."
+            f"For {purpose.words}: expected uncertainty (95 %) of {purpose.target} {expected}"
+            f"{about}. This plan is {proposal.reason}."
         )
         sentences += [f"Not taken: {words}." for words in proposal.discarded]
     return sentences

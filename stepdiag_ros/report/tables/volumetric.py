@@ -89,16 +89,21 @@ def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
         console.print(table)
         console.print()
     console.sentence(DEFINITION)
+    remarks: dict[str, list[str]] = {}
+    frames: dict[str, list[str]] = {}
     for method, found in report.accuracies.items():
         for remark in found.remarks:
-            console.sentence(f"{method_title(method)}: {remark}.")
-    for frame in dict.fromkeys(found.frame for found in report.accuracies.values()):
-        console.sentence(f"Frame: {frame}.")
+            remarks.setdefault(remark, []).append(method_title(method))
+        frames.setdefault(found.frame, []).append(method_title(method))
+    for remark, methods in remarks.items():
+        console.sentence(f"{', '.join(methods)}: {remark}.")
+    for frame, methods in frames.items():
+        console.sentence(f"Frame of {', '.join(methods)}: {frame}.")
     if report.accuracies:
         console.sentence(
             f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the length at that place, of"
-            " the readings, of plausible rotations and of the laser's scale; stepdiag report adds"
-            " what the budget knows."
+            " the readings, of plausible rotations and of the laser's scale; stepdiag report"
+            " has U of the uncertainty budget instead where that is larger."
         )
     else:
         console.sentence(f"Warning: {DIAGONALS_ALONE}.")

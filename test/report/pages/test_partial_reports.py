@@ -41,6 +41,7 @@ from stepdiag_ros.report.pages.lead import (
 from stepdiag_ros.report.pages.page import chapter, page
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio, draw, studio
 from stepdiag_ros.report.pages.sections import sections
+from stepdiag_ros.report.pages.summary import DECISIONS, _decision
 from stepdiag_ros.text.table import Column, Table
 
 HEAD = """\
@@ -199,6 +200,18 @@ def test_a_limit_is_kept_or_exceeded_only_with_the_uncertainty(value, u, toleran
 def test_a_lower_bound_of_the_uncertainty_is_called_one_everywhere(lower_bound):
     judged = ToleranceJudgement(OPEN, 10e-6, 1e-6, lower_bound, 50e-6, False, False)
     assert ("U at least" in judged.size) == lower_bound and "10.0 ± 1.0 µm" in judged.size
+
+
+@pytest.mark.parametrize("lower_bound", [True, False])
+@pytest.mark.parametrize("verdict", [KEEPS, EXCEEDS, OPEN])
+def test_what_is_signed_has_the_reservation_of_the_first_page(verdict, lower_bound):
+    judged = ToleranceJudgement(verdict, 10e-6, 1e-6, lower_bound, 50e-6, False, False)
+    nothing_stated = SimpleNamespace(given=SimpleNamespace(instrument_source=""))
+    signed = _decision(nothing_stated, judged)
+    assert signed.startswith(DECISIONS[verdict])
+    reserved = lower_bound and verdict != OPEN
+    assert bool(judged.reservation) == reserved == (signed != DECISIONS[verdict])
+    assert judged.reservation in signed and ("instrument" in signed) == reserved
 
 
 @pytest.mark.parametrize("tolerance", [50e-6, 1e-6])

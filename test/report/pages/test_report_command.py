@@ -30,6 +30,7 @@ from stepdiag_ros.cli import main
 from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.configuration import load_instrument
 from stepdiag_ros.evaluation.single_errors import single_errors
+from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.metrology.solvers import limits
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
@@ -40,7 +41,7 @@ from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.sections.measurement import _words_of
 from stepdiag_ros.report.pages.sections.readings import _few_stops
 from stepdiag_ros.report.publish import try_folder
-from stepdiag_ros.text.numbers import ARC_SECONDS, plus_minus, two_digits, with_expanded
+from stepdiag_ros.text.numbers import ARC_SECONDS, plus_minus, with_expanded
 
 PLAN = """\
 name: small run
@@ -197,7 +198,10 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     assert f"Largest error in the measured volume: {size} µm at" in page.text
     assert page.facts()["Largest error in the volume"] == f"{size} µm"
     assert "What to do: compensation could bring the largest error" in page.text
-    assert f"within its uncertainty of {two_digits(expanded * IN_MICRO)} µm" in page.text
+    assert (
+        f"within its uncertainty of {with_expanded(expanded, expanded, IN_MICRO).split()[0]} µm"
+        in page.text
+    )
     assert document["summary"]["lower_bound"] is False
     volume = document["sections"]["volume"]
     assert volume["expanded_uncertainty"] == document["summary"]["expanded_uncertainty"]
@@ -396,12 +400,21 @@ def test_the_summary_takes_two_pages_and_its_contents_name_the_page_of_each_anne
         assert int(place) >= 3
 
 
-def test_the_summary_has_every_single_error_the_decision_and_who_signs(page, document):
+def test_the_summary_has_every_single_error_the_decision_and_who_signs(page, document, solved):
     rows = page.tables["Errors over the travel, peak to peak (ISO 230-1), U: 95 %"]
     assert [row[0] for row in rows[1:]] == [
         one["name"] for one in document["summary"]["single_errors"]
     ]
+    sign = {figure.name: figure.value for figure in solved.preferred().figures}
     for row, one in zip(rows[1:], document["summary"]["single_errors"], strict=True):
+        if one["name"] in SQUARENESS:
+            # As an angle somebody adjusts by it: the side to which the axis leans is kept.
+            assert one["angle"] == sign[one["name"]]
+            assert row[3] == with_expanded(
+                one["angle"], one["expanded_uncertainty"] / one["travel"], IN_MICRO
+            )
+        else:
+            assert row[3] == "" and one["angle"] is None
         assert row[2] == with_expanded(one["value"], one["expanded_uncertainty"], IN_MICRO)
     assert page.facts()["Decision"] == "the machine conforms"
     assert page.facts()["Largest error allowed"] == "50 µm"
