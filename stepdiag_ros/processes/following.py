@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.taking_up import Patience
@@ -41,12 +43,14 @@ class RunNews:
         done: stops measured.
         total: stops of the plan; 0 while the nodes start.
         remaining: s of ROS time; NaN if not known.
+        target: how far the run is from its target; None if it has none.
     """
 
     text: str
     done: int = 0
     total: int = 0
     remaining: float = float("nan")
+    target: TargetStanding | None = None
 
 
 @dataclass(frozen=True)
@@ -103,18 +107,19 @@ class FollowedRun:
         self.run_id = ""
         self.measured: RunOutcome | None = None
 
-    def measure(self, plan: str = "") -> RunOutcome:
+    def measure(self, plan: str = "", until: str = "") -> RunOutcome:
         """Start a run and follow it until it is recorded and evaluated.
 
         Args:
             plan: as the sequencer knows it, or the YAML text; empty for the sequencer's own.
+            until: uncertainty to be reached, as in Measure.action; empty for the sequencer's own.
 
         Raises:
             RunFailed: it was refused, or it was ended before all lines were measured; the machine
                 stands still, unless the text states that it could not be stopped.
             KeyboardInterrupt: as asked; the machine stands still.
         """
-        self.run_id = self._until_granted(lambda: self._operator.start(plan))
+        self.run_id = self._until_granted(lambda: self._operator.start(plan, until))
         try:
             self._follow()
         except BaseException as error:
@@ -228,4 +233,5 @@ def _told(state: Any, text: str) -> RunNews:
         State.ABORTED: text,
     }
     said = words.get(State(state.state)) or state.text
-    return RunNews(said, state.stops_done, state.stops_total, state.remaining_time)
+    done, total = state.stops_done, state.stops_total
+    return RunNews(said, done, total, state.remaining_time, target_of(state))

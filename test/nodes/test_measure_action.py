@@ -70,13 +70,14 @@ class Bench:
         assert handle.accepted
         return handle, handle.get_result_async()
 
-    def _begin(self, plan):
+    def _begin(self, plan, until):
         if self.refusal:
             raise ValueError(self.refusal)
         if self.unheard:
             raise self.not_ready_yet(self.unheard)
         self.action.run_begins()
         self.plans.append(plan)
+        self.until = until
         self.state, self.text = State.RUNNING, "measuring"
         return f"run {len(self.plans)}"
 

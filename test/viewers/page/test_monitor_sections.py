@@ -14,10 +14,10 @@ from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.run.sequence import State as RunState
-from stepdiag_ros.text.numbers import plus_minus
+from stepdiag_ros.text.numbers import plus_minus, time_left
 from stepdiag_ros.viewers.page.contact import Contact, SilentNode
 from stepdiag_ros.viewers.page.items import AxisPlace, MachineStatus, RunBegin, Said
-from stepdiag_ros.viewers.page.section import micrometres, time_left
+from stepdiag_ros.viewers.page.section import micrometres
 from stepdiag_ros.viewers.page.state import SECTIONS, PageState
 
 
