@@ -1,10 +1,10 @@
 """Whether a run has reached its target, and how long it takes still: one function of its lines.
 
-Live, the solver calls it after every line; of a bag, whoever solves it calls the same function on
-the same data classes, so that a replay decides alike. What is reached is the uncertainty of the
-results (with what unseen rotations may do), never one that was computed for the plan. What is still
-to come is foretold by the plan: a perfect machine is solved by the same method over the lines so
-far and over more of them, and what is reached changes by the same ratio.
+Live, the solver calls it after every line; for a bag, the report calls it with the same data
+classes, so that a replay decides alike. What is reached is the uncertainty of the results (with
+what unseen rotations may do), never one that was computed for the plan. The rest is foretold by the
+plan: a perfect machine is solved by the same method over the lines so far and over more of them,
+and what is reached changes by the same ratio.
 """
 
 from collections.abc import Mapping

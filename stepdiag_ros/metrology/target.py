@@ -128,7 +128,7 @@ class Target:
 
 @dataclass(frozen=True)
 class TargetStanding:
-    """How far a run is from its target, as far as its lines tell.
+    """How far a run is from its target by its lines so far.
 
     Attributes:
         quantity: as in ``Target``.
