@@ -200,7 +200,7 @@ COMMAND = Command(
     " already. Ctrl-C stops the machine and ends the run; the measured data stay in the bag.",
     epilog="examples:\n"
     "  stepdiag run --plan ibaraki_hata_2010 --factor 20\n"
-    "  stepdiag run --until 8um --factor 20      ends as soon as that is known\n"
+    "  stepdiag run --until 4um --factor 20      ends as soon as that is known\n"
     "  stepdiag run --cell hidden_backlash --factor 20   with a hidden effect, which the"
     " diagnosis names",
 )

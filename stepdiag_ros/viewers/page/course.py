@@ -55,7 +55,9 @@ class RunSection(PageSection):
             return self._refused_start() != before
         if not isinstance(item, RunStatus):
             return False
-        changed = self._status is None or item._replace(time=self._status.time) != self._status
+        # Numbers that are not known are never equal, and no news all the same.
+        before = self._status
+        changed = before is None or repr(item._replace(time=before.time)) != repr(before)
         self._status = item
         return changed
 
