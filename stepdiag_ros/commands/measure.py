@@ -137,9 +137,10 @@ def _lead(measured: "RunOutcome") -> "RunLead":
     return RunLead(
         Verdict(name, measured.sentence),
         Completeness(
-            *(measured.stops_total, measured.stops_done, missing, measured.text), unit="stops"
+            *(measured.stops_asked_for, measured.stops_done, missing, measured.text), unit="stops"
         ),
         measured.bag,
+        target=measured.standing,
     )
 
 

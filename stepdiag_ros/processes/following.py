@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.target import TargetStanding
+from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.taking_up import Patience
@@ -59,6 +59,7 @@ class RunOutcome:
 
     Attributes:
         bag: path on the recorder's computer; None if not known.
+        standing: how far the run came to its target; None if it has none.
     """
 
     outcome: Outcome
@@ -72,6 +73,14 @@ class RunOutcome:
     bag: Path | None
     bag_closed: bool
     bag_text: str
+    standing: TargetStanding | None = None
+
+    @property
+    def stops_asked_for(self) -> int:
+        """Return the stops that the run had to measure: those to its target, if it reached it."""
+        if self.standing is not None and self.standing.state is TargetState.REACHED:
+            return self.stops_done
+        return self.stops_total
 
 
 class FollowedRun:
@@ -203,11 +212,11 @@ class FollowedRun:
     def _has_result(self) -> bool:
         result = self._operator.result
         if result is not None and self.measured is None:
-            self.measured = _measured(result)
+            self.measured = _measured(result, self._operator.state)
         return result is not None
 
 
-def _measured(result: Any) -> RunOutcome:
+def _measured(result: Any, state: Any) -> RunOutcome:
     return RunOutcome(
         outcome=Outcome(result.outcome),
         text=result.text,
@@ -220,6 +229,7 @@ def _measured(result: Any) -> RunOutcome:
         bag=Path(result.bag) if result.bag else None,
         bag_closed=bool(result.bag_closed),
         bag_text=result.bag_text,
+        standing=None if state is None else target_of(state),
     )
 
 

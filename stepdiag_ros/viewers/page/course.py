@@ -56,8 +56,8 @@ class RunSection(PageSection):
         if not isinstance(item, RunStatus):
             return False
         # Numbers that are not known are never equal, and no news all the same.
-        before = self._status
-        changed = before is None or repr(item._replace(time=before.time)) != repr(before)
+        last = self._status
+        changed = last is None or repr(item._replace(time=last.time)) != repr(last)
         self._status = item
         return changed
 
