@@ -12,6 +12,7 @@ from stepdiag_ros.bags.passes import completeness_of
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
+from stepdiag_ros.evaluation.positioning import positioning_of, same_test
 from stepdiag_ros.evaluation.pursuit import outlook, pursuit_from_text, standing
 from stepdiag_ros.evaluation.recorded_run import report_of_run
 from stepdiag_ros.evaluation.solving import solve_run
@@ -50,14 +51,14 @@ def ended(tmp_path_factory):
     return measured(tmp_path_factory.mktemp("reached"), "E_XX=1um")
 
 
-def judged(bag):
-    """Return how far the run was from its target by each verdict in the bag that was new."""
+def judged(bag, topic=topics.RUN_VERDICT):
+    """Return how far the run was from its target by the messages of a topic in the bag."""
     said = []
     with BagReader(bag) as source:
         for record, message in source.messages():
-            if record.topic.endswith(topics.RUN_VERDICT.name):
+            if record.topic.endswith(topic.name):
                 said.append(target_of(message))
-    return {one.lines: one for one in said}
+    return {one.lines: one for one in said if one is not None}
 
 
 def test_the_run_ends_with_the_line_that_reaches_the_target(ended):
@@ -70,10 +71,20 @@ def test_the_run_ends_with_the_line_that_reaches_the_target(ended):
     assert completeness_of(run, run.measurement).whole and not run.flaws
 
 
+def test_the_test_of_a_line_that_was_not_repeated_to_its_end_is_recorded(ended):
+    run = load_run(ended[0])
+    (test,) = run.tests
+    assert (test.name, test.runs) == ("X", (2, 2))
+    (computed,) = positioning_of(run).tests
+    assert same_test(test, computed)
+
+
 def test_the_uncertainty_is_followed_from_the_start_to_the_target(ended):
-    course = {one.lines: one for one in ended[1]}
+    course = judged(ended[0], topics.RUN_STATE)
+    assert {one.lines for one in ended[1]} <= set(course) and ended[1][-1].lines == 4
     assert set(course) == set(range(5))
-    assert course[0].time_left > course[2].time_left > 0.0
+    # How long the lines take depends on how busy the computer is.
+    assert all(course[lines].time_left > 0.0 for lines in range(4)) and course[4].time_left == 0.0
     assert [one.state for one in course.values()][:4] == [TargetState.OPEN] * 4
     assert course[1].reached > course[4].reached
 
