@@ -250,7 +250,10 @@ def _unknown_or_large(target: Target, now: float) -> str:
 
 def _blind(pursuit: Pursuit, measurement: Measurement) -> str:
     """Say what keeps a diagnosis of these lines from showing an effect as large as the target."""
-    power = power_of(measurement)
+    try:
+        power = power_of(measurement)
+    except ValueError as error:
+        return f"a diagnosis of these lines is not possible: {error}"
     if not power.diagnosed:
         return ""
     if power.why:
