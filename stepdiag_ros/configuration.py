@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.machine import Machine
     from stepdiag_ros.metrology.model import MachineModel
     from stepdiag_ros.metrology.plausible import Plausible
+    from stepdiag_ros.metrology.target import Target
     from stepdiag_ros.metrology.tracker.instrument import Tracker
     from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
@@ -206,6 +207,31 @@ def without_effects(cell_text: str, source: str) -> str:
         f"# The effects of this cell are not recorded. SHA-256 of the whole file: {digest}\n"
         + yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
     )
+
+
+def target_from_text(text: str, source: str = "until") -> "Target":
+    """Make the target of a run from what a goal, a parameter or a run description has of it.
+
+    Args:
+        text: such as ``0.5um`` or ``X:A=1um``, or YAML with the keys ``until`` (such a text) and
+            ``conditions`` (those of ``stepdiag iso230 --uncertainty``).
+        source: what the user calls the text.
+
+    Raises:
+        ValueError: names the source, the key, and what is expected.
+    """
+    from stepdiag_ros.metrology.checking import Section
+    from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
+    from stepdiag_ros.metrology.target import Target
+
+    if "\n" not in text.strip() and not text.lstrip().startswith("{"):
+        return Target.from_text(text, source=source)
+    section = Section(parse_yaml(text, source), source)
+    until = section.text("until")
+    told = section.given(("conditions",)).get("conditions", {})
+    section.finish()
+    conditions = UncertaintyDescription.from_mapping(told, f"{source}: conditions")
+    return Target.from_text(until, conditions, source)
 
 
 def instrument_from_text(text: str, source: str) -> "Instrument":

@@ -1,11 +1,12 @@
 """How much of a plan was measured, and how the run ended."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Line, Plan
+from stepdiag_ros.metrology.target import TargetState
 
 _FINISHED = 4
 """``RunState.FINISHED``."""
@@ -85,17 +86,30 @@ def completeness_of(recorded: RecordedRun, measurement: Measurement) -> Complete
         recorded: the run.
         measurement: its lines, as they are solved.
     """
-    lines = taken(recorded.plan, measurement)
+    lines = taken(_asked_for(recorded), measurement)
     planned, complete = sum(one.planned for one in lines), sum(one.complete for one in lines)
     missing = dict.fromkeys(one.name for one in lines if one.complete < one.planned)
     end = _end_of_run(recorded, complete >= planned)
     return Completeness(planned, complete, tuple(missing), end)
 
 
+def _asked_for(recorded: RecordedRun) -> Plan:
+    """Return the part of the plan that a run has to hold: that to its target, if it reached it."""
+    last = recorded.states[-1] if recorded.states else None
+    if last is None or last.state != _FINISHED or last.target is None:
+        return recorded.plan
+    if last.target.state is not TargetState.REACHED:
+        return recorded.plan
+    return replace(recorded.plan, lines=recorded.plan.lines[: last.line_index])
+
+
 def _end_of_run(recorded: RecordedRun, whole: bool) -> str:
     if not recorded.states:
         return ""
     last = recorded.states[-1]
+    reached = last.target is not None and last.target.state is TargetState.REACHED
+    if last.state == _FINISHED and reached and whole:
+        return last.text
     return end_words(last.state, last.text, whole)
 
 

@@ -22,6 +22,7 @@ from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
 from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.positioning import to_positioning_test
+from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.checking import UNKNOWN
@@ -40,6 +41,7 @@ from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.text.intake import parse_yaml
 from stepdiag_ros.topics import Topic
 
@@ -56,6 +58,7 @@ class StateChange(NamedTuple):
         line: in words.
         stop: from 0.
         text: why it is in this state, in plain words.
+        target: how far the run is from its target; None if it has none.
     """
 
     time: int
@@ -64,6 +67,7 @@ class StateChange(NamedTuple):
     line: str
     stop: int
     text: str
+    target: TargetStanding | None = None
 
 
 class Diagnostic(NamedTuple):
@@ -91,6 +95,7 @@ class RecordedRun:
         plan_text: YAML of the test plan.
         machine_text: YAML of the machine.
         cell_text: YAML of the simulated cell; empty on a real machine.
+        until: uncertainty that the run was to reach, as in RunDescription; empty: none.
         told_by_source: facts in words from the file that the bag was imported from, name → text;
             empty of a run that was recorded.
         plan: the test plan; its feed is NaN where it is not known (imported tables).
@@ -121,6 +126,7 @@ class RecordedRun:
     plan_text: str
     machine_text: str
     cell_text: str
+    until: str
     told_by_source: Mapping[str, str]
     plan: Plan
     first_command: int
@@ -255,6 +261,7 @@ def _run_of(bag: Bag, found: FoundRun) -> RecordedRun:
         plan_text=description.plan,
         machine_text=description.machine,
         cell_text=description.simulated_cell,
+        until=str(getattr(description, "until", "")),
         told_by_source=_told_by_source(bag),
         plan=plan,
         **_parts(bag, found, plan, readings),
@@ -353,6 +360,7 @@ def _state_change(message: Any) -> StateChange:
         line=str(message.line),
         stop=int(message.stop),
         text=str(message.text),
+        target=target_of(message),
     )
 
 

@@ -5,7 +5,7 @@ A bag is decoded with the definitions that it carries, so that bags of older sch
 """
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -213,12 +213,19 @@ class MessageTypes:
         """Return the fields of a type: name and kind, as rosbags has it."""
         return list(self._store.fielddefs[type_name][1])
 
-    def nested(self, type_name: str) -> list[str]:
-        """Return the names of all messages that are in a message of this type."""
+    def nested(self, type_name: str, but: Collection[str] = ()) -> list[str]:
+        """Return the names of all messages that are in a message of this type.
+
+        Args:
+            type_name: of the message.
+            but: names of fields that are not looked into.
+        """
         found: list[str] = []
 
         def visit(name: str) -> None:
-            for _, kind in self._store.fielddefs[name][1]:
+            for field, kind in self._store.fielddefs[name][1]:
+                if field in but:
+                    continue
                 node: Any = kind[0]
                 content: Any = kind[1]
                 if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
@@ -385,7 +392,10 @@ def _compare(store: Typestore, own: MessageTypes) -> None:
         BagError: names type and field.
     """
     wanted = [topic.type_name for topic in RECORDED if topic.type_name in store.fielddefs]
-    for name in {*wanted, *(inner for one in wanted for inner in own.nested(one))}:
+    # What only a field that was added later contains, an older bag does not define.
+    needed = {inner for one in wanted for inner in own.nested(one, ADDED_LATER)}
+    further = {inner for one in wanted for inner in own.nested(one) if inner in store.fielddefs}
+    for name in {*wanted, *needed, *further}:
         if name not in store.fielddefs:
             raise BagError(f"the bag does not define {name}, which its messages contain")
         fields = dict(store.fielddefs[name][1])

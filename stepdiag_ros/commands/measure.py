@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import progress_bar, say, warn_of_undetermined
+from stepdiag_ros.commands.until import TargetTeller, add_until, until_of
 
 if TYPE_CHECKING:
     from stepdiag_ros.commands.output import Progress
@@ -19,6 +20,7 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--plan", default="", help="YAML file, or a name (default: the plan of the sequencer)"
     )
+    add_until(parser)
     add_common(parser, "namespace")
     add_common(parser, "json", help="print the outcome of the run as JSON")
 
@@ -30,7 +32,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.processes.joining import JoinedRun
 
     # Read and checked here: what is executed is what the user sees, wherever the sequencer runs.
-    text = ""
+    text, until = "", until_of(arguments)
     if arguments.plan:
         plan, text = configuration.load_plan(arguments.plan)
         warn_of_undetermined(plan)
@@ -40,7 +42,7 @@ def run(arguments: Namespace) -> int:
         on_plan = None if text else _warn_beside
         joined = JoinedRun(arguments.namespace, tell, _Attendant(), on_plan)
         try:
-            joined.measure(text)
+            joined.measure(text, until)
         finally:
             if joined.measured is not None:
                 _show(joined.measured, arguments.json)
@@ -67,10 +69,12 @@ class _Teller:
 
     def __init__(self, progress: "Progress") -> None:
         self._progress = progress
+        self._tell_of_target = TargetTeller(say)
         self._said = ""
 
     def __call__(self, told: "RunNews") -> None:
         """Show what is new."""
+        self._tell_of_target(told.target)
         self._progress(told.done / told.total if told.total else 0.0, told.text)
         if told.total and told.text != self._said and not sys.stderr.isatty():
             self._said = told.text
@@ -133,9 +137,10 @@ def _lead(measured: "RunOutcome") -> "RunLead":
     return RunLead(
         Verdict(name, measured.sentence),
         Completeness(
-            *(measured.stops_total, measured.stops_done, missing, measured.text), unit="stops"
+            *(measured.stops_asked_for, measured.stops_done, missing, measured.text), unit="stops"
         ),
         measured.bag,
+        target=measured.standing,
     )
 
 

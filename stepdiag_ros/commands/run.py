@@ -15,6 +15,7 @@ from stepdiag_ros.commands.output import (
     warn,
     warn_of_undetermined,
 )
+from stepdiag_ros.commands.until import TargetTeller, add_until, until_of
 from stepdiag_ros.parameters.devices import HIGHEST_SAMPLE_RATE
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 def add_run_options(parser: argparse.ArgumentParser, plan: str, factor: float) -> None:
     """Add the options of a command that measures in the simulated cell, with its defaults."""
     add_cell_options(parser, plan, factor)
+    add_until(parser)
     add_result_options(
         parser,
         str(RESULTS),
@@ -85,16 +87,20 @@ def run(arguments: argparse.Namespace) -> int:
     from stepdiag_ros.commands import solve
     from stepdiag_ros.processes.measure import MeasuringSession
 
+    until = until_of(arguments)
+    refuse_target(until, arguments)
     nodes, folder = cell_nodes(arguments)
     with progress_bar("measuring") as progress:
+        tell_of_target = TargetTeller(say)
 
         def tell(told: "RunNews") -> None:
+            tell_of_target(told.target)
             progress(told.done / told.total if told.total else 0.0, told.text)
             if told.total and told.done == told.total:
                 # While the recorder closes the bag: what is to be solved and drawn next.
                 solve.prepare()
 
-        session = MeasuringSession(nodes, folder, tell)
+        session = MeasuringSession(nodes, folder, tell, until=until)
         try:
             bag = session.measure()
         finally:
@@ -115,6 +121,22 @@ def run(arguments: argparse.Namespace) -> int:
         "run_id": None,
     }
     return solve.run(argparse.Namespace(**shown))
+
+
+def refuse_target(until: str, arguments: argparse.Namespace) -> None:
+    """Refuse a target that the plan does not determine, before anything is started.
+
+    Raises:
+        ValueError: it does not, or plan or machine cannot be used.
+    """
+    if not until:
+        return
+    from stepdiag_ros import configuration
+    from stepdiag_ros.planning.undetermined import refuse_undetermined
+
+    target = configuration.target_from_text(until, "--until")
+    machine, _ = configuration.load_machine(arguments.machine)
+    refuse_undetermined(target, configuration.load_plan(arguments.plan)[0], machine.chain)
 
 
 def cell_nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
@@ -178,6 +200,7 @@ COMMAND = Command(
     " already. Ctrl-C stops the machine and ends the run; the measured data stay in the bag.",
     epilog="examples:\n"
     "  stepdiag run --plan ibaraki_hata_2010 --factor 20\n"
+    "  stepdiag run --until 4um --factor 20      ends as soon as that is known\n"
     "  stepdiag run --cell hidden_backlash --factor 20   with a hidden effect, which the"
     " diagnosis names",
 )

@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.conformity import conformity
 from stepdiag_ros.metrology.standards.decision import Agreement, RunDecision
+from stepdiag_ros.metrology.target import TargetStanding
 
 UNKNOWN_PLACE = (nan, nan, nan)
 
@@ -35,13 +36,16 @@ def lead_of_results(results: Mapping[str, VolumetricErrors], chain: str) -> RunL
     return lead_of(Report(tuple(results.values()), chain=chain))
 
 
-def decide(lead: RunLead, method: str, tolerance: float) -> RunDecision:
+def decide(
+    lead: RunLead, method: str, tolerance: float, target: TargetStanding | None = None
+) -> RunDecision:
     """Return what a supervisor decides on.
 
     Args:
         lead: summary of the run.
         method: to rely on; empty if there is no result.
         tolerance: largest permissible length of an error vector, m; NaN if none was agreed.
+        target: how far the run is from its target; None if it has none.
     """
     volume = lead.volume
     value = nan if volume is None else volume.value
@@ -60,4 +64,5 @@ def decide(lead: RunLead, method: str, tolerance: float) -> RunDecision:
         tolerance=tolerance,
         method=method,
         not_determined=lead.unknown,
+        target=target,
     )

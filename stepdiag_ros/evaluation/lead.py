@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.undetermined import undetermined
@@ -52,6 +53,7 @@ class RunLead:
         recording: what is wrong with the recording: missing, doubled, out of order.
         tracked: the lines were measured with a laser tracker.
         repeated: at least one line was measured more than once.
+        target: how far the run has come to its target; None if it has none.
     """
 
     verdict: Verdict = field(default_factory=Verdict)
@@ -72,6 +74,7 @@ class RunLead:
     recording: tuple[Flaw, ...] = ()
     tracked: bool = False
     repeated: bool = True
+    target: TargetStanding | None = None
 
     @property
     def whole(self) -> bool:
@@ -101,6 +104,7 @@ def lead_of(
             unknown=(*TRANSLATIONS, *SQUARENESS),
             remedy=_remedy(measurement, report.passes),
             recording=report.recording,
+            target=report.target,
         )
     rotating = any(name in result.curves for name in ROTATIONS)
     if accuracy is None and (report.chain or not rotating):
@@ -138,6 +142,7 @@ def lead_of(
         repeated=not lines or len({one.line.setup for one in lines}) < len(lines),
         as_zero=() if rotating else ROTATIONS,
         told_elsewhere=() if rotating else _told(report.results),
+        target=report.target,
     )
 
 

@@ -1,6 +1,6 @@
 """From a recorded run to its lines and its results: for a command, a notebook and a page alike."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.configuration import cell_from_text, read_yaml
 from stepdiag_ros.evaluation.build import build_report, truth_from_curves, truth_of
 from stepdiag_ros.evaluation.diagnosing import verdict_on
+from stepdiag_ros.evaluation.pursuit import pursuit_from_text, standing
 from stepdiag_ros.evaluation.report import Report, Truth
 from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setups, recompensated
 from stepdiag_ros.metrology.assembly import assemble
@@ -20,6 +21,8 @@ from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, Readin
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, VISIBILITY, left_out, left_out_sentence
+from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.text.intake import refusals_of
 
 Correct = Callable[[Measurement], tuple[Measurement, tuple[str, ...]]]
@@ -104,7 +107,7 @@ def _report_of_run(
     sentence = left_out_sentence(blocks, stops, asked)
     if sentence:
         warn(sentence)
-    return build_report(
+    report = build_report(
         measurement,
         run_id=recorded.run_id,
         plan=recorded.plan.name,
@@ -129,6 +132,26 @@ def _report_of_run(
         passes=completeness_of(recorded, measurement),
         recording=flaws,
     )
+    return replace(report, target=target_standing(recorded, measurement, report.results))
+
+
+def target_standing(
+    recorded: RecordedRun, measurement: Measurement, results: Iterable[VolumetricErrors]
+) -> TargetStanding | None:
+    """Return how far a recorded run has come to its target, computed from its lines.
+
+    Args:
+        recorded: the run.
+        measurement: its lines.
+        results: of these lines, by every method.
+
+    Returns:
+        None if the run has no target.
+    """
+    pursuit = pursuit_from_text(recorded.until, recorded.plan, recorded.machine_text)
+    if pursuit is None or not measurement.lines:
+        return None
+    return standing(pursuit, measurement, {one.method: one for one in results})
 
 
 def require_standing_beam(recorded: RecordedRun) -> None:

@@ -15,6 +15,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance, methods, to_rely_on
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.visibility import Visibility
 
@@ -108,6 +109,7 @@ class Report:
         verdict: of a diagnosis of these lines, or why it is missing.
         passes: how much of the plan was measured; None if that is not known.
         recording: what is wrong with the recording: missing, doubled, out of order.
+        target: how far the run has come to its target; None if it has none.
     """
 
     results: tuple[VolumetricErrors, ...]
@@ -128,6 +130,7 @@ class Report:
     verdict: Verdict = field(default_factory=Verdict)
     passes: Completeness | None = None
     recording: tuple[Flaw, ...] = ()
+    target: TargetStanding | None = None
 
     def ordered_results(self) -> tuple[VolumetricErrors, ...]:
         """Return the results in the order in which they are shown."""

@@ -3,6 +3,7 @@
 from typing import Any
 
 from stepdiag_ros.messages.fields import set_header
+from stepdiag_ros.messages.target import write_target
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.standards.decision import RunDecision
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
@@ -33,4 +34,5 @@ def from_decision(
     message.tolerance = decision.tolerance
     message.method = decision.method
     message.not_determined = list(decision.not_determined)
+    write_target(message, decision.target)
     return message

@@ -183,14 +183,18 @@ class Messages:
         name: of the field.
         type_name: of the messages.
         carried: what each of them carries.
+        default: the messages where a message lacks the field, if it may.
     """
 
-    def __init__(self, name: str, type_name: str, carried: Carried) -> None:
+    def __init__(self, name: str, type_name: str, carried: Carried, *default: Any) -> None:
         self._name, self._type_name, self._carried = name, type_name, carried
+        self._default = default
 
     def read(self, message: Any) -> tuple[Any, ...]:
         """Return the data class of each message."""
-        return tuple(self._carried.read(one) for one in getattr(message, self._name))
+        return tuple(
+            self._carried.read(one) for one in getattr(message, self._name, *self._default)
+        )
 
     def write(self, message: Any, value: Iterable[Any], new: NewMessage) -> None:
         """Write a message for each data class."""

@@ -23,6 +23,7 @@ from stepdiag_ros.run.supervision import (
     BYSTANDERS,
     HEARTBEAT_PERIOD,
     HELD,
+    REFUSES,
     TIME_SOURCE,
     Peer,
     Watch,
@@ -155,6 +156,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         try:
             self.on_run(description)
         except ValueError as error:
+            self.facts[REFUSES] = f"{description.run_id} {error}"
             why = f"cannot take up run {description.run_id}: {error}"
             self._refused = _Refused(description.run_id, self.real_time(), why)
             self.unwell(why)

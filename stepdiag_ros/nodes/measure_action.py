@@ -9,6 +9,7 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
 
 from stepdiag_ros import topics
+from stepdiag_ros.messages.target import write_target
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.run.conclusion import UNKNOWN, Aftermath, Outcome
@@ -77,8 +78,9 @@ class MeasureAction:
 
     Args:
         node: the sequencer.
-        begin: starts a run of a plan (as Measure.action says; empty for the node's own) and returns
-            its identity, or raises ValueError; NotReadyYet if the same goal may be taken later.
+        begin: starts a run of a plan to a target (as Measure.action says; empty for the node's
+            own) and returns its identity, or raises ValueError; NotReadyYet if the same goal may be
+            taken later.
         abort: stops the machine and ends the run for a reason, or raises ValueError.
         progress: says where the run is.
         incomplete: says which lines of the run lack a stop, and why.
@@ -87,7 +89,7 @@ class MeasureAction:
     def __init__(
         self,
         node: StepdiagNode,
-        begin: Callable[[str], str],
+        begin: Callable[[str, str], str],
         abort: Callable[[str], object],
         progress: Callable[[], Progress],
         incomplete: Callable[[], list[str]],
@@ -182,7 +184,7 @@ class MeasureAction:
         handle, real = waiting.handle, self._node.real_time()
         waiting.tried = real
         try:
-            run_id = self._begin(handle.request.plan)
+            run_id = self._begin(handle.request.plan, handle.request.until)
         except ValueError as error:
             patient = real - waiting.since < START_PATIENCE
             if isinstance(error, NotReadyYet) and patient:
@@ -275,3 +277,4 @@ def write_progress(message: Any, progress: Progress) -> None:
     message.stops_total = progress.stops_total
     message.remaining_time = progress.remaining_time
     message.text = progress.text
+    write_target(message, progress.target)

@@ -103,11 +103,12 @@ class OperatorNode(StepdiagNode):
             raise Refusal(response.message, fault="rejected")
         return str(response.message)
 
-    def start(self, plan: str = "") -> str:
+    def start(self, plan: str = "", until: str = "") -> str:
         """Start a run and return its identity.
 
         Args:
             plan: as the sequencer knows it, or the YAML text; empty for the sequencer's own.
+            until: uncertainty to be reached, as in Measure.action; empty for the sequencer's own.
 
         Raises:
             ValueError: the sequencer refuses, and says why, or nobody answers.
@@ -115,7 +116,8 @@ class OperatorNode(StepdiagNode):
         if not self.spin_until(self._action.server_is_ready, SERVICE_LIMIT):
             namespace = self.get_namespace().rstrip("/")
             raise ValueError(f"there is no server for the action {namespace}/sequencer/measure")
-        sent = self._action.send_goal_async(self._new_goal(plan=plan), self._on_feedback)
+        goal = self._new_goal(plan=plan, until=until)
+        sent = self._action.send_goal_async(goal, self._on_feedback)
         if not self.spin_until(sent.done, SERVICE_LIMIT):
             # Whoever is told that nothing was started must not see a machine move later.
             sent.add_done_callback(lambda late: late.result().cancel_goal_async())

@@ -10,12 +10,20 @@ from std_srvs.srv import Trigger
 
 import stepdiag_ros
 from stepdiag_ros import topics
-from stepdiag_ros.configuration import load_cell, load_machine, plan_given, without_effects
+from stepdiag_ros.configuration import (
+    load_cell,
+    load_machine,
+    plan_given,
+    target_from_text,
+    without_effects,
+)
 from stepdiag_ros.messages.conversion import from_stop_command
 from stepdiag_ros.messages.fields import set_header, to_nanoseconds
+from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.target import line_ends
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.measure_action import (
     START_PATIENCE,
@@ -65,6 +73,8 @@ class SequencerNode(StepdiagNode):
         self._machine, self._machine_text = load_machine(self.parameter("machine"))
         self._set_plan(self._executable(self.parameter("plan")))
         self.on_change("plan", self._set_plan, self._executable)
+        self._check_until(self.parameter("until"))
+        self.on_change("until", prepare=self._check_until)
         cell = self.parameter("cell")
         self._cell_text = without_effects(load_cell(cell)[1], cell) if cell else ""
         self._sequence: Sequence | None = None
@@ -88,6 +98,7 @@ class SequencerNode(StepdiagNode):
         self.listen(topics.COMMAND_STATUS, self._on_answer)
         self.listen(topics.MACHINE_STATE, self._on_machine_state)
         self.listen(topics.STOP, self._on_stop)
+        self.listen(topics.RUN_VERDICT, self._on_verdict)
         self._stop_client = self.create_client(Trigger, "cnc_bridge/stop")
         self._reset_client = self.create_client(Trigger, "cnc_bridge/reset")
         self._measure = MeasureAction(
@@ -105,22 +116,26 @@ class SequencerNode(StepdiagNode):
 
     # What an operator asks for ------------------------------------------------------------------
 
-    def start(self, plan: str = "") -> str:
+    def start(self, plan: str = "", until: str = "") -> str:
         """Begin a new run: describe it, and move once every node has taken it up.
 
         Args:
             plan: file, name or YAML text; empty for the one of the parameter.
+            until: uncertainty to be reached, as in Measure.action; empty for that of the parameter.
 
         Returns:
             the identity of the run.
 
         Raises:
-            ValueError: a run is going on, a node is missing, or the plan is wrong or leaves the
-                limits; NotReadyYet if that may pass since nodes may be starting.
+            ValueError: a run is going on, a node is missing, the plan is wrong or leaves the
+                limits, or the target is wrong; NotReadyYet if that may pass since nodes may be
+                starting.
         """
         if self._taking_up is not None or (self._sequence and self._sequence.active):
             raise Refusal("a run is going on: abort it before starting another", fault="busy")
         chosen, text = self._executable(plan) if plan.strip() else (self._plan, self._plan_text)
+        until = until.strip() or self.parameter("until").strip()
+        ends = self._ends_by(until, chosen)
         present = tuple(role for role in WELCOME if self.watch.present(role))
         missing = self.watch.missing(REQUIRED + present) or self._unknown_of_machine()
         if missing:
@@ -142,10 +157,10 @@ class SequencerNode(StepdiagNode):
         self.run_over = False
         patience = self.watch.patience
         self._sequence = Sequence(
-            chosen, tuple(state.position), self._send, self._stop_machine, patience
+            chosen, tuple(state.position), self._send, self._stop_machine, patience, ends
         )
         self._published = None
-        self._describe(text)
+        self._describe(text, until)
         self._taking_up = TakingUp(self.run_id, FOLLOWERS, self._needed, patience)
         return self.run_id
 
@@ -196,6 +211,25 @@ class SequencerNode(StepdiagNode):
                 f" which the sequencer was started (parameter `machine`): {beyond}"
             )
         return plan, text
+
+    def _check_until(self, text: str) -> str:
+        """Refuse a target that cannot be read."""
+        if text.strip():
+            target_from_text(text)
+        return text
+
+    def _ends_by(self, until: str, plan: Plan) -> frozenset[int]:
+        """Return after how many lines a run may have reached its target; nothing without one.
+
+        Whether the plan determines its quantity is for the solver to say, when it takes up the run.
+
+        Raises:
+            ValueError: the target cannot be read.
+        """
+        if not until:
+            return frozenset()
+        target = target_from_text(until)
+        return frozenset((*line_ends(target, plan), len(plan.lines)))
 
     def _set_plan(self, chosen: tuple[Plan, str]) -> None:
         self._plan, self._plan_text = chosen
@@ -271,6 +305,13 @@ class SequencerNode(StepdiagNode):
             self._sequence.settled(message.line_index, message.attempt, message.stop, rejection)
             self._update()
 
+    def _on_verdict(self, message: Any) -> None:
+        standing = target_of(message)
+        if standing is not None and self._sequence is not None and message.run_id == self.run_id:
+            self._sequence.solved(standing)
+            self._publish_state()
+            self._update()
+
     # The course of the run ---------------------------------------------------------------------
 
     def _update(self) -> None:
@@ -336,7 +377,7 @@ class SequencerNode(StepdiagNode):
 
     # Messages ------------------------------------------------------------------------------------
 
-    def _describe(self, plan: str) -> None:
+    def _describe(self, plan: str, until: str) -> None:
         message = new_message(topics.RUN_DESCRIPTION.type_name)
         set_header(message, self.now())
         message.schema_version = message.SCHEMA_VERSION
@@ -345,6 +386,7 @@ class SequencerNode(StepdiagNode):
         message.plan = plan
         message.machine = self._machine_text
         message.simulated_cell = self._cell_text
+        message.until = until
         self._description.publish(message)
 
     def _send(self, command: Command) -> None:

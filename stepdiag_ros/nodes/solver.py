@@ -3,30 +3,39 @@
 
 import sys
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from math import nan
 from typing import Any, NamedTuple
 
 from stepdiag_ros import topics
-from stepdiag_ros.configuration import chain_from_text, plan_from_text, plausible_from_text
+from stepdiag_ros.configuration import (
+    chain_from_text,
+    plan_from_text,
+    plausible_from_text,
+)
 from stepdiag_ros.evaluation.decision import decide, lead_of_results
 from stepdiag_ros.evaluation.lead import RunLead
+from stepdiag_ros.evaluation.pursuit import Pursuit, outlook, pursuit_from_text, standing
 from stepdiag_ros.evaluation.solving import SolvedSoFar, solve_run
 from stepdiag_ros.messages.decision import from_decision
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.messages.volumetric import from_volumetric_errors
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, latest_attempts
 from stepdiag_ros.metrology.plan import Plan
-from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
+from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.solvers.catalogue import to_rely_on
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
+from stepdiag_ros.planning.undetermined import refuse_undetermined
 from stepdiag_ros.run.conclusion import LastWord
 from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.supervision import WORK_LEFT
+from stepdiag_ros.run.target_words import standing_words
 from stepdiag_ros.run.work_health import Work
 
 PUBLISH_PERIOD = 0.01
@@ -39,16 +48,33 @@ class _Solved(NamedTuple):
     found: SolvedSoFar
     lead: RunLead
     lines: int
+    target: TargetStanding | None
 
 
-def _solve_first(
-    plan: Plan, chain: str, plausible: Plausible, lines: Sequence[MeasuredLine], count: int
-) -> _Solved:
+class _Run(NamedTuple):
+    """What is known of a run before its first line; ``pursuit`` is None without a target."""
+
+    plan: Plan
+    chain: str
+    plausible: Plausible
+    pursuit: Pursuit | None
+
+
+def _solve_first(run: _Run, lines: Sequence[MeasuredLine], count: int) -> _Solved:
     """Solve the first lines of a run; what waits for that holds no copy of them."""
     taken = tuple(lines[:count])
-    measurement = Measurement(plan.volume, latest_attempts(taken), chain, plausible)
-    found = solve_run(plan, measurement, taken[-1])
-    return _Solved(found, lead_of_results(found.results, chain), len(measurement.lines))
+    measurement = Measurement(run.plan.volume, latest_attempts(taken), run.chain, run.plausible)
+    found = solve_run(run.plan, measurement, taken[-1])
+    lead = lead_of_results(found.results, run.chain)
+    target = None
+    if run.pursuit is not None:
+        target = standing(run.pursuit, measurement, found.results)
+    return _Solved(found, lead, len(measurement.lines), target)
+
+
+def _look_ahead(pursuit: Pursuit) -> _Solved:
+    """Foretell a run before its first line."""
+    return _Solved(SolvedSoFar({}, {}), RunLead(), 0, outlook(pursuit))
 
 
 class SolverNode(LineNode):
@@ -62,9 +88,7 @@ class SolverNode(LineNode):
 
     def __init__(self) -> None:
         super().__init__("solver")
-        self._plan: Plan
-        self._chain = ""
-        self._plausible = ORDINARY
+        self._run: _Run
         self._results = self.announce(topics.VOLUMETRIC_ERRORS)
         self._tests = self.announce(topics.POSITIONING_TEST)
         self._verdicts = self.announce(topics.RUN_VERDICT)
@@ -73,7 +97,7 @@ class SolverNode(LineNode):
         self._last_word = LastWord("")
         self._concluded = True
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
-        self._solving: deque[tuple[str, int, MeasuredLine, Future[_Solved]]] = deque()
+        self._solving: deque[tuple[str, int, int, Future[_Solved]]] = deque()
         self.facts[WORK_LEFT] = "0"
         self._work = Work("solution")
         self.health.add_task("work", self._judge_work)
@@ -83,27 +107,47 @@ class SolverNode(LineNode):
         self.every(PUBLISH_PERIOD, self._publish_solved, real=True)
 
     def take_up(self, description: Any) -> None:
-        """Start again with the box and the chain of the run."""
-        self._plan = plan_from_text(description.plan, "plan of the run")
-        self._chain = chain_from_text(description.machine, "machine of the run")
-        self._plausible = plausible_from_text(description.machine, "machine of the run")
+        """Start again with the box and the chain of the run, and foretell it if it has a target.
+
+        Raises:
+            ValueError: the plan does not determine the quantity of the target.
+        """
+        plan = plan_from_text(description.plan, "plan of the run")
+        run = _Run(
+            plan,
+            chain_from_text(description.machine, "machine of the run"),
+            plausible_from_text(description.machine, "machine of the run"),
+            pursuit_from_text(description.until, plan, description.machine),
+        )
+        if run.pursuit is not None:
+            refuse_undetermined(run.pursuit.target, plan, run.chain)
+        self._run = run
         self._newest, self._concluded = None, False
         self._verdict, self._verdict_is_last = Verdict(), False
         self._last_word = LastWord(description.run_id)
+        if self._run.pursuit is not None:
+            begun = to_nanoseconds(description.header.stamp)
+            self._await(description.run_id, 0, begun, _look_ahead, self._run.pursuit)
 
     def on_line(self, line: MeasuredLine) -> None:
         """Solve all lines so far."""
-        run = (self._plan, self._chain, self._plausible)
-        solved = self._worker.submit(_solve_first, *run, self.lines, len(self.lines))
+        count = len(self.lines)
+        self._await(self.run_id, count, line.end_time, _solve_first, self._run, self.lines, count)
+
+    def _await(
+        self, run_id: str, count: int, time: int, work: Callable[..., _Solved], *given: Any
+    ) -> None:
+        """Have the worker solve so many lines of a run, of which the last ended at a time, ns."""
+        solved = self._worker.submit(work, *given)
         if not self._solving:
             self._work.begin(self.real_time())
-        self._solving.append((self.run_id, len(self.lines), line, solved))
+        self._solving.append((run_id, count, time, solved))
         self._say_work_left()
 
     def _publish_solved(self) -> None:
         """Publish what is solved by now, in the order of the lines."""
         while self._solving and self._solving[0][-1].done():
-            run_id, count, line, solved = self._solving.popleft()
+            run_id, count, time, solved = self._solving.popleft()
             self._work.end(self.real_time())
             try:
                 done = solved.result()
@@ -112,12 +156,13 @@ class SolverNode(LineNode):
                 self._say_work_left()
                 continue
             for result in done.found.results.values():
-                self._results.publish(from_volumetric_errors(result, run_id, line.end_time))
+                self._results.publish(from_volumetric_errors(result, run_id, time))
             for test in done.found.tests:
-                self._tests.publish(from_positioning_test(test, run_id, line.end_time))
-            self.get_logger().info(f"{count} lines solved; last: {line.line}")
+                self._tests.publish(from_positioning_test(test, run_id, time))
+            said = f"; {standing_words(done.target)}" if done.target is not None else ""
+            self.get_logger().info(f"{count} lines solved{said}")
             if run_id == self.run_id:
-                self._newest = done, line.end_time
+                self._newest = done, time
                 self._publish_verdict()
             self._say_work_left()
         self._conclude()
@@ -146,8 +191,9 @@ class SolverNode(LineNode):
             replace(done.lead, verdict=self._verdict),
             to_rely_on(done.found.results) or "",
             self.parameter("tolerance") or nan,
+            done.target,
         )
-        lines = done.lines, len(self._plan.lines)
+        lines = done.lines, len(self._run.plan.lines)
         over = self.run_over and self._concluded
         self._verdicts.publish(from_decision(decision, self.run_id, time, lines, over))
 

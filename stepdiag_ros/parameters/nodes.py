@@ -45,6 +45,13 @@ NODES: tuple[DeclaredNode, ...] = (
                 change=Changeable.BETWEEN_RUNS,
             ),
             Declaration(
+                "until",
+                "",
+                "uncertainty at which runs that are started without one end, before their last"
+                " line: 0.5um, E_XX=0.3um, C0Y=2urad or X:A=1um; empty: all lines are measured",
+                change=Changeable.BETWEEN_RUNS,
+            ),
+            Declaration(
                 "result_limit",
                 300.0,
                 "real time after the end of a run for which the result of ~/measure waits for the"

@@ -2,9 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import isnan
 
-from stepdiag_ros.metrology.geometry import SQUARENESS, TRANSLATIONS
-from stepdiag_ros.metrology.plan import LINEAR, STEP_DIAGONAL, Line, Plan
+from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR, STEP_DIAGONAL, Line, Plan
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.standards.iso230_2 import RUNS_OF_THE_STANDARD
+from stepdiag_ros.metrology.standards.positioning_uncertainty import expanded_uncertainties
+from stepdiag_ros.metrology.target import VOLUMETRIC, Target, tested_as
 from stepdiag_ros.metrology.visibility import DETERMINED, SHAPE, Visibility, visibility
 from stepdiag_ros.planning.candidates import FOUR_DIAGONALS, LINEAR_AXES
 from stepdiag_ros.planning.limits import coarse, single
@@ -88,6 +93,58 @@ def undetermined(plan: Plan, seen: Visibility | None = None) -> Undetermined:
         shape_told=all(table.row(name).part == SHAPE for name in hidden),
         remedy=_fewest(small, lines),
     )
+
+
+def refuse_undetermined(target: Target, plan: Plan, chain: str) -> None:
+    """Refuse a target for a quantity that a plan does not determine.
+
+    Args:
+        target: that a run of the plan is to reach.
+        plan: of the run.
+        chain: order of the axes from workpiece to tool; empty if not known.
+
+    Raises:
+        Refusal: the plan does not determine the quantity, or its uncertainty cannot be known.
+    """
+    why = _why_undetermined(target, plan, chain)
+    if why:
+        raise Refusal(
+            f"the plan '{plan.name}' cannot reach an uncertainty of {target.words}: {why}",
+            fault="undetermined",
+            about=target.quantity,
+        )
+
+
+def _why_undetermined(target: Target, plan: Plan, chain: str) -> str:
+    if plan.tracker is not None:
+        return "runs with a tracker have no target"
+    line, parameter = target.line_and_parameter
+    if line:
+        return _why_untested(target, line, parameter, plan)
+    small, quantity = coarse(plan, _BLOCKS), target.quantity
+    if quantity in ROTATIONS:
+        seen = chain and visibility(small, chain, _ANY_NOISE).row(quantity).status == DETERMINED
+        return "" if seen else f"its lines do not determine {quantity}"
+    unknown = undetermined(small)
+    if quantity in unknown.names or (quantity == VOLUMETRIC and unknown.names):
+        return unknown.sentence.rstrip(".")
+    return ""
+
+
+def _why_untested(target: Target, name: str, parameter: str, plan: Plan) -> str:
+    tested = dict.fromkeys(tested_as(line) for line in plan.lines)
+    if name not in tested:
+        return f"it has no line {name}; its lines are {', '.join(tested)}"
+    directions = {line.direction for line in plan.lines if tested_as(line) == name}
+    one_way = {"↑": FORWARD, "↓": BACKWARD}.get(parameter[-1])
+    wanted = {one_way} if one_way else {FORWARD, BACKWARD}
+    if not wanted <= directions:
+        return f"{parameter} needs runs {' and '.join(sorted(wanted))}"
+    known = expanded_uncertainties(target.conditions, 1.0, RUNS_OF_THE_STANDARD)[parameter]
+    if isnan(known):
+        lacking = ", ".join(target.conditions.unknown())
+        return f"the conditions of the measurement are not known: {lacking}"
+    return ""
 
 
 def _hidden(seen: Visibility) -> list[str]:

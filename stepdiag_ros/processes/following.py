@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.run.taking_up import Patience
@@ -41,12 +43,14 @@ class RunNews:
         done: stops measured.
         total: stops of the plan; 0 while the nodes start.
         remaining: s of ROS time; NaN if not known.
+        target: how far the run is from its target; None if it has none.
     """
 
     text: str
     done: int = 0
     total: int = 0
     remaining: float = float("nan")
+    target: TargetStanding | None = None
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ class RunOutcome:
 
     Attributes:
         bag: path on the recorder's computer; None if not known.
+        standing: how far the run came to its target; None if it has none.
     """
 
     outcome: Outcome
@@ -68,6 +73,14 @@ class RunOutcome:
     bag: Path | None
     bag_closed: bool
     bag_text: str
+    standing: TargetStanding | None = None
+
+    @property
+    def stops_asked_for(self) -> int:
+        """Return the stops that the run had to measure: those to its target, if it reached it."""
+        if self.standing is not None and self.standing.state is TargetState.REACHED:
+            return self.stops_done
+        return self.stops_total
 
 
 class FollowedRun:
@@ -103,18 +116,19 @@ class FollowedRun:
         self.run_id = ""
         self.measured: RunOutcome | None = None
 
-    def measure(self, plan: str = "") -> RunOutcome:
+    def measure(self, plan: str = "", until: str = "") -> RunOutcome:
         """Start a run and follow it until it is recorded and evaluated.
 
         Args:
             plan: as the sequencer knows it, or the YAML text; empty for the sequencer's own.
+            until: uncertainty to be reached, as in Measure.action; empty for the sequencer's own.
 
         Raises:
             RunFailed: it was refused, or it was ended before all lines were measured; the machine
                 stands still, unless the text states that it could not be stopped.
             KeyboardInterrupt: as asked; the machine stands still.
         """
-        self.run_id = self._until_granted(lambda: self._operator.start(plan))
+        self.run_id = self._until_granted(lambda: self._operator.start(plan, until))
         try:
             self._follow()
         except BaseException as error:
@@ -198,11 +212,11 @@ class FollowedRun:
     def _has_result(self) -> bool:
         result = self._operator.result
         if result is not None and self.measured is None:
-            self.measured = _measured(result)
+            self.measured = _measured(result, self._operator.state)
         return result is not None
 
 
-def _measured(result: Any) -> RunOutcome:
+def _measured(result: Any, state: Any) -> RunOutcome:
     return RunOutcome(
         outcome=Outcome(result.outcome),
         text=result.text,
@@ -215,6 +229,7 @@ def _measured(result: Any) -> RunOutcome:
         bag=Path(result.bag) if result.bag else None,
         bag_closed=bool(result.bag_closed),
         bag_text=result.bag_text,
+        standing=None if state is None else target_of(state),
     )
 
 
@@ -228,4 +243,5 @@ def _told(state: Any, text: str) -> RunNews:
         State.ABORTED: text,
     }
     said = words.get(State(state.state)) or state.text
-    return RunNews(said, state.stops_done, state.stops_total, state.remaining_time)
+    done, total = state.stops_done, state.stops_total
+    return RunNews(said, done, total, state.remaining_time, target_of(state))

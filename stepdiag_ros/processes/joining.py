@@ -41,11 +41,12 @@ class JoinedRun:
         self._on_plan = on_plan
         self.measured: RunOutcome | None = None
 
-    def measure(self, plan: str) -> None:
+    def measure(self, plan: str, until: str = "") -> None:
         """Execute a whole run.
 
         Args:
             plan: YAML text; empty for the plan of the sequencer.
+            until: uncertainty to be reached, as in Measure.action; empty for the sequencer's own.
 
         Raises:
             RunFailed: there is no sequencer, it refuses, or the run was ended before all lines were
@@ -66,7 +67,7 @@ class JoinedRun:
             )
             run = FollowedRun(operator, self._tell, lambda: False, self._on_hold, self._on_plan)
             try:
-                run.measure(plan)
+                run.measure(plan, until)
             finally:
                 self.measured = run.measured
 

@@ -39,6 +39,7 @@ class MeasuringSession:
         namespace: of the nodes, such as ``/cell_1``; empty for none.
         on_machine: a device may be switched on later, and a run goes on without the nodes that are
             ``DISPENSABLE``.
+        until: uncertainty to be reached, as in Measure.action; empty: all lines are measured.
 
     Attributes:
         bag: of the run; None before it has started.
@@ -51,12 +52,14 @@ class MeasuringSession:
         tell: Callable[[RunNews], None],
         namespace: str = "",
         on_machine: bool = False,
+        until: str = "",
     ) -> None:
         self._nodes = nodes
         self._folder = folder
         self._tell = tell
         self._namespace = namespace
         self._on_machine = on_machine
+        self._until = until
         self.bag: Path | None = None
 
     def measure(self) -> Path:
@@ -136,7 +139,7 @@ class MeasuringSession:
             operator, self._tell, lambda: self._check(operator, processes, run), _go_on
         )
         try:
-            measured = run.measure()
+            measured = run.measure(until=self._until)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(self._recorded(operator.last_state)) from None
         finally:

@@ -1,7 +1,7 @@
 """Sequence of a run: which command comes next, what it waits for, and what stops it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
@@ -10,9 +10,11 @@ import numpy as np
 from stepdiag_ros.metrology.assembly import repetition_helps
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
+from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.run.refusing import in_wrong_state
 from stepdiag_ros.run.route import MachineRoute
+from stepdiag_ros.run.target_words import end_words
 from stepdiag_ros.run.time_left import TimeLeft
 
 ANSWER_LIMIT = 2.0
@@ -23,6 +25,8 @@ OVERDUE_LIMIT = 10.0
 """Real seconds that a move or a stop that is overdue in ROS time may take all the same."""
 STORE_LIMIT = 10.0
 """Real seconds within which the recorder must have stored a stop."""
+TARGET_LIMIT = 20.0
+"""Real seconds that a run with a target waits for the solution of a line that may be its last."""
 MOVE_ALLOWANCE = 5.0
 """ROS seconds that a move may take beyond twice its nominal time."""
 
@@ -102,6 +106,7 @@ class Progress:
     stops_total: int
     remaining_time: float
     text: str
+    target: TargetStanding | None = None
 
 
 class _Phase(Enum):
@@ -112,6 +117,7 @@ class _Phase(Enum):
     MOTION = "the machine to be in position"
     SETTLING = "the stop to settle"
     DWELL = "the stop to be stored"
+    TARGET = "the solution of the line, by which the run may have reached its target"
 
 
 class Sequence:
@@ -126,6 +132,7 @@ class Sequence:
         send: is given each command to be executed.
         stop_motion: asks the machine to stop at once.
         patience: factor by which other nodes may take longer to answer.
+        ends: numbers of lines after which the run may have reached its target; empty without one.
     """
 
     def __init__(
@@ -135,8 +142,12 @@ class Sequence:
         send: Callable[[Command], None],
         stop_motion: Callable[[], None],
         patience: float = 1.0,
+        ends: Collection[int] = (),
     ) -> None:
         self._plan = plan
+        self._ends = ends
+        self._target_limit = TARGET_LIMIT * patience
+        self.target: TargetStanding | None = None
         self._answer_limit = ANSWER_LIMIT * patience
         self._beam_limit = BEAM_LIMIT * patience
         self._overdue_limit = OVERDUE_LIMIT * patience
@@ -227,7 +238,8 @@ class Sequence:
         elif self.state is State.FAULT:
             # Whatever stopped the run may have moved the beam or lost the fringe count.
             self._position = np.asarray(position, dtype=np.float64)
-            self._restart_line()
+            if self._line_index < len(self._stops):
+                self._restart_line()
             self._line_tries = 1
         self._enter(State.RUNNING, "measuring")
         self.update(now, real)
@@ -320,6 +332,14 @@ class Sequence:
         """Take the recorder's word that the stop of this command is on the disk."""
         self._stored = max(self._stored, command_id)
 
+    def solved(self, standing: TargetStanding) -> None:
+        """Take the solver's word on how far the run is from its target."""
+        if self.state in (State.FINISHED, State.ABORTED):
+            return
+        self.target = standing
+        if self.state in (State.PAUSED, State.WAITING_FOR_SETUP) and self._may_end_here:
+            self._finish()
+
     # What follows ----------------------------------------------------------------------------
 
     def update(self, now: int, real: float) -> None:
@@ -338,6 +358,8 @@ class Sequence:
                 self.fault(f"the {what} in the time it should take")
         elif self._phase is _Phase.DWELL:
             self._end_dwell(now, real)
+        if self._phase is _Phase.TARGET and self._judged(real):
+            self._go_on()
         if self._phase is _Phase.READY and self.state is State.RUNNING:
             self._command_next(now, real)
 
@@ -366,6 +388,7 @@ class Sequence:
             stops_total=self._total,
             remaining_time=remaining,
             text=text,
+            target=self.target,
         )
 
     @property
@@ -423,9 +446,9 @@ class Sequence:
             if real - self._sent_real > self._store_limit and now > self._deadline:
                 self.fault(f"the recorder has not stored a stop within {self._store_limit:g} s")
         elif now >= self._arrived + self._dwell:
-            self._advance()
+            self._advance(real)
 
-    def _advance(self) -> None:
+    def _advance(self, real: float) -> None:
         self._phase = _Phase.READY
         if self._rejection and self._try_again():
             return
@@ -440,11 +463,38 @@ class Sequence:
             self._given_up = ""
             if self._line_index < len(self._stops):
                 self._route.begin_line(self._line_index)
-        if self._line_index == len(self._stops):
-            left = f"; left incomplete: {'; '.join(self.incomplete)}" if self.incomplete else ""
-            self._enter(State.FINISHED, f"all lines are measured{left}")
+            if self._line_index in self._ends:
+                self._phase, self._sent_real = _Phase.TARGET, real
+                return
+        self._go_on()
+
+    def _judged(self, real: float) -> bool:
+        """Say whether the solver has judged the lines so far, or was waited for long enough."""
+        known = self.target is not None and self.target.lines >= self._line_index
+        return known or real - self._sent_real > self._target_limit
+
+    @property
+    def _may_end_here(self) -> bool:
+        """Say whether the target is reached and no line is begun and not ended."""
+        reached = self.target is not None and self.target.state is TargetState.REACHED
+        return reached and self._stop == 0 and self._line_index > 0
+
+    def _go_on(self) -> None:
+        """Go on after a stop or a line: end the run, pause it, or let the next command come."""
+        self._phase = _Phase.READY
+        if self._line_index == len(self._stops) or self._may_end_here:
+            self._finish()
         elif self._pause_wanted:
             self._enter(State.PAUSED, "paused by the operator")
+
+    def _finish(self) -> None:
+        done, total = self._line_index, len(self._stops)
+        said = ["all lines are measured" if done == total else f"{done} of {total} lines measured"]
+        if self.incomplete:
+            said.append(f"left incomplete: {'; '.join(self.incomplete)}")
+        if self._ends:
+            said.append(end_words(self.target, done))
+        self._enter(State.FINISHED, "; ".join(said))
 
     def _try_again(self) -> bool:
         """Measure a rejected stop, or its line, again; hold the run when that was often enough.

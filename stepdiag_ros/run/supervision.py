@@ -22,6 +22,8 @@ LONGEST_LOOK = 0.5
 """Real seconds between two looks at the silence of others that count in full."""
 WORK_LEFT = "work_left"
 """Fact by which a node states how many results it still owes to the messages received."""
+REFUSES = "refuses"
+"""Fact by which a node says why it does not take up a run: identity of the run, then the reason."""
 GETTING_READY = "getting_ready"
 """Fact by which a node says that it will be ready in a moment, by itself."""
 WORKER_LIMIT = 10.0

@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import nan
 
-from stepdiag_ros.run.supervision import Watch
+from stepdiag_ros.run.supervision import REFUSES, Watch, said_of_run
 
 TAKE_UP_LIMIT = 5.0
 """Real seconds within which a node that answers must have taken up a new run."""
@@ -93,6 +93,10 @@ class TakingUp:
         behind = [role for role in self._followers if not watch.present(role, self._run_id)]
         if not behind and not silent:
             return Look(begins=True)
+        for peer in watch.peers.values():
+            why = said_of_run(peer, REFUSES, self._run_id)
+            if why and peer.role in behind:
+                return Look(False, why, gives_up=True)
         over = self._patience.is_over(bool(silent), real)
         if silent:
             return Look(False, f"{'; '.join(silent)}: {REMEDY}", over)

@@ -9,6 +9,7 @@ from decimal import ROUND_HALF_EVEN, Decimal
 
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.units import IN_MICRO
 
 UNKNOWN = "unknown"
 
@@ -108,6 +109,26 @@ def plain(value: float, decimals: int = 2) -> str:
     return _written(Decimal(repr(float(value))), -decimals) if math.isfinite(value) else UNKNOWN
 
 
+def in_micro(value: float, unit: str) -> str:
+    """Write an uncertainty in millionths of its unit, to two digits: ``0.52 µm``.
+
+    Args:
+        value: in the unit; NaN if unknown.
+        unit: ``m`` or ``rad``.
+    """
+    return f"{two_digits(value * IN_MICRO)} µ{unit}" if math.isfinite(value) else UNKNOWN
+
+
 def two_digits(value: float) -> str:
     """Write a positive number to two significant digits, without an exponent."""
     return f"{float(f'{value:.2g}'):,.10g}" if math.isfinite(value) else UNKNOWN
+
+
+def time_left(seconds: float) -> str:
+    """Write how long something still takes, for a person who waits: 45 s, 12 min, 3 h 05 min."""
+    if not math.isfinite(seconds):
+        return UNKNOWN
+    if seconds < 90.0:
+        return f"{round(seconds)} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

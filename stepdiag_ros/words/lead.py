@@ -18,7 +18,9 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 )
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.run.target_words import end_words
 from stepdiag_ros.text.numbers import plain, with_expanded
 
 _MOST_ERRORS = 3
@@ -57,6 +59,7 @@ def deciding_sentences(lead: RunLead) -> list[str]:
     """Say what decides whether errors may be used: recording, run, verdict, fit, unknown errors."""
     said = [flaw.sentence for flaw in lead.recording]
     said += [] if lead.passes is None else incomplete_sentences(lead.passes)
+    said += [] if lead.target is None else [_target(lead.target)]
     said.append(_verdict(lead))
     return [*said, *_misfit(lead), *_unknown(lead)]
 
@@ -118,6 +121,11 @@ def missing_words(lead: RunLead) -> str:
     words = ", ".join(missing[:_MOST_MISSING])
     more = len(missing) - _MOST_MISSING
     return f"{words} and {more} lines more" if more > 0 else words or "the rest of the plan"
+
+
+def _target(standing: TargetStanding) -> str:
+    words = end_words(standing, standing.lines)
+    return f"{words[0].upper()}{words[1:]}."
 
 
 def _verdict(lead: RunLead) -> str:

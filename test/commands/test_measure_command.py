@@ -13,6 +13,7 @@ from refused import refused
 from stepdiag_ros.cli import make_parser
 from stepdiag_ros.commands import measure
 from stepdiag_ros.commands.measure import _Attendant, _Teller
+from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.processes.following import RunFailed, RunNews, RunOutcome, _told
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.run.sequence import State
@@ -116,6 +117,21 @@ def test_what_a_run_came_to_is_printed(capsys):
     assert steps[0]["command"] is None and "ppp XYZ forward, repeat 0" in steps[0]["why"]
     assert steps[1]["command"] == "stepdiag solve run.mcap"
     assert not any("compensate" in (one["command"] or "") for one in steps)
+
+
+def test_a_run_that_has_reached_its_target_is_complete(capsys):
+    standing = TargetStanding("E_XX", "m", 1e-6, 0.9e-6, 0.9e-6, 0.0, TargetState.REACHED, 4, "")
+    measured = RunOutcome(
+        *(Outcome.FINISHED, "the target is reached", "20261121T110000Z-abcdef", 17, 42, ()),
+        *("CONSISTENT", "they agree", Path("run.mcap"), True, "closed", standing),
+    )
+    measure._show(measured, as_json=True)
+    lead = json.loads(capsys.readouterr().out)["lead"]
+    assert lead["passes"]["missing"] == [] and lead["passes"]["planned"] == 17
+    assert any("0.9 µm" in sentence for sentence in lead["sentences"])
+    beyond = replace(standing, state=TargetState.BEYOND_PLAN, lines=8, text="U is 0.9 µm")
+    measure._show(replace(measured, standing=beyond), as_json=True)
+    assert json.loads(capsys.readouterr().out)["lead"]["passes"]["planned"] == 42
 
 
 @pytest.mark.parametrize(

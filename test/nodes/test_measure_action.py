@@ -16,7 +16,9 @@ from refused import refused
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import load_plan
+from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.run.sequence import Progress, State
 
 EXECUTING, SUCCEEDED, CANCELED, ABORTED = 2, 4, 5, 6
@@ -39,6 +41,7 @@ class Bench:
 
         rclpy.init(args=[])
         self.state, self.text, self.plans, self.reasons = State.IDLE, "nothing", [], []
+        self.standing = None
         self.refusal, self.unheard, self.not_ready_yet = "", "", NotReadyYet
         self.host, self.asker = Host("sequencer"), rclpy.create_node("asker")
         self.action = MeasureAction(
@@ -63,20 +66,21 @@ class Bench:
         self.spin(future.done)
         return future.result()
 
-    def send(self, plan=""):
+    def send(self, plan="", until=""):
         """Return the handle of a goal and the future of its result."""
         heard = lambda message: self.feedback.append(message.feedback)  # noqa: E731
-        handle = self.get(self.client.send_goal_async(self.goal(plan=plan), heard))
+        handle = self.get(self.client.send_goal_async(self.goal(plan=plan, until=until), heard))
         assert handle.accepted
         return handle, handle.get_result_async()
 
-    def _begin(self, plan):
+    def _begin(self, plan, until):
         if self.refusal:
             raise ValueError(self.refusal)
         if self.unheard:
             raise self.not_ready_yet(self.unheard)
         self.action.run_begins()
         self.plans.append(plan)
+        self.until = until
         self.state, self.text = State.RUNNING, "measuring"
         return f"run {len(self.plans)}"
 
@@ -88,7 +92,8 @@ class Bench:
 
     def _progress(self):
         return Progress(
-            self.state, 1, 4, "x forward, repeat 0", "x", 2, 3, 5, 10, 17, 40, math.nan, self.text
+            *(self.state, 1, 4, "x forward, repeat 0", "x", 2, 3, 5, 10, 17, 40, math.nan),
+            *(self.text, self.standing),
         )
 
 
@@ -102,6 +107,18 @@ def bench(monkeypatch):
     yield made
     made.executor.shutdown()
     rclpy.try_shutdown()
+
+
+def test_a_goal_may_have_a_target_and_its_feedback_says_how_far_it_is(bench):
+    bench.standing = TargetStanding(
+        "E_XX", "m", 1e-6, 2e-6, 8e-7, 60.0, TargetState.OPEN, 3, "U is 2 µm"
+    )
+    _, answer = bench.send("quick", until="E_XX=1um")
+    bench.spin(lambda: bench.feedback)
+    assert bench.until == "E_XX=1um"
+    assert target_of(bench.feedback[0]) == bench.standing
+    bench.state = State.FINISHED
+    bench.get(answer)
 
 
 def test_a_goal_is_executed_to_its_end(bench):

@@ -10,14 +10,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import standard_runs
+from refused import refused
 
 from stepdiag_ros.cli import main
-from stepdiag_ros.configuration import find, load_cell, load_plan, plan_from_text
+from stepdiag_ros.configuration import find, load_cell, load_plan, plan_from_text, target_from_text
 from stepdiag_ros.metrology.geometry import SQUARENESS, TRANSLATIONS
-from stepdiag_ros.metrology.plan import LINEAR, STEP_DIAGONAL
+from stepdiag_ros.metrology.plan import FORWARD, LINEAR, STEP_DIAGONAL
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve_all
-from stepdiag_ros.planning.undetermined import undetermined
+from stepdiag_ros.planning.undetermined import refuse_undetermined, undetermined
 
 POSITIONING = {"E_XX", "E_YY", "E_ZZ"}
 HEAD = """\
@@ -152,7 +154,7 @@ def test_import_says_so_of_a_measurement_made_elsewhere(tmp_path, capsys):
 def test_a_run_warns_before_any_node_is_started(diagonals, tmp_path, capsys, monkeypatch):
     from stepdiag_ros.processes import measure
 
-    def none_started(*_):
+    def none_started(*_, **__):
         raise ValueError("no node is started here")
 
     monkeypatch.setattr(measure, "MeasuringSession", none_started)
@@ -174,7 +176,7 @@ def test_measure_warns_before_it_asks_for_the_run(diagonals, capsys, monkeypatch
         def __init__(self, *_):
             pass
 
-        def measure(self, _):
+        def measure(self, *_):
             raise ValueError("nothing is measured here")
 
     monkeypatch.setattr(joining, "JoinedRun", Joined)
@@ -182,3 +184,57 @@ def test_measure_warns_before_it_asks_for_the_run(diagonals, capsys, monkeypatch
     said = capsys.readouterr().err
     assert all(name in said for name in POSITIONING)
     assert said.index("warning") < said.index("nothing is measured here")
+
+
+TESTED = "until: {until}\nconditions:\n" + "".join(
+    f"  {key}: 1.0e-7\n"
+    for key in (
+        "device_U_m_per_m",
+        "misalignment_m",
+        "temperature_range_K",
+        "expansion_coefficient_per_K",
+        "expansion_range_per_K",
+        "temperature_difference_K",
+        "environmental_variation_m",
+    )
+)
+
+
+@pytest.mark.parametrize(
+    ("names", "until", "about"),
+    [
+        (FOUR, "1um", ("E_XX", "x")),
+        (FOUR, "E_XX=1um", ("E_XX",)),
+        (("x", "y", "z"), "C0Y=1urad", ("C0Y", "ppp")),
+        ((*FOUR, "x", "y", "z"), "E_BY=1urad", ("E_BY",)),
+        ((*FOUR, "x"), "Y:A=1um", ("X", "ppp")),
+        ((*FOUR, "x"), "X:A=1um", ("conditions",)),
+        ((*FOUR, "x"), "X:B=1um", ("conditions",)),
+    ],
+)
+def test_a_target_that_the_plan_does_not_determine_is_refused(names, until, about):
+    with refused(Refusal, "undetermined", *about):
+        refuse_undetermined(target_from_text(until), plan_with(*names), "YXZ")
+
+
+@pytest.mark.parametrize(
+    ("names", "until"),
+    [
+        ((*FOUR, "x", "y", "z"), "1um"),
+        (("x",), "E_XX=1um"),
+        ((*FOUR, "x", "y", "z"), "C0Y=1urad"),
+        (("x",), TESTED.format(until="X:A=1um")),
+        (FOUR, TESTED.format(until="ppp:E↑=1um")),
+    ],
+)
+def test_a_target_that_the_plan_determines_is_taken(names, until):
+    refuse_undetermined(target_from_text(until), plan_with(*names), "YXZ")
+
+
+def test_a_test_in_one_direction_alone_is_no_target_in_both():
+    plan = plan_with("x")
+    forward = replace(plan, lines=tuple(one for one in plan.lines if one.direction == FORWARD))
+    refuse_undetermined(target_from_text(TESTED.format(until="X:E↑=1um")), forward, "")
+    for name in ("E", "E↓", "B"):
+        with refused(Refusal, "undetermined", name):
+            refuse_undetermined(target_from_text(TESTED.format(until=f"X:{name}=1um")), forward, "")

@@ -7,6 +7,7 @@ import pytest
 
 from stepdiag_ros.devices import interferometer
 from stepdiag_ros.messages import conversion
+from stepdiag_ros.metrology.target import TargetState
 from stepdiag_ros.metrology.window import STATUS_WORDS
 from stepdiag_ros.run.sequence import Answer, Purpose, State
 
@@ -25,6 +26,7 @@ def constants(message, prefix):
         (State, "RunState", "STATE"),
         (Purpose, "StepCommand", "PURPOSE"),
         (Answer, "CommandStatus", "STATUS"),
+        (TargetState, "TargetStanding", "STATE"),
     ],
 )
 def test_enumerations_are_those_of_the_messages(enumeration, message, prefix):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from stepdiag_ros.run.supervision import SILENCE_LIMIT, Peer, Watch
+from stepdiag_ros.run.supervision import REFUSES, SILENCE_LIMIT, Peer, Watch
 from stepdiag_ros.run.taking_up import (
     HELD_LIMIT,
     TAKE_UP_LIMIT,
@@ -68,6 +68,18 @@ def test_a_node_that_is_heard_but_does_not_take_up_the_run_ends_it(nodes):
     waited, found = nodes.until(lambda one: one.gives_up, 3 * TAKE_UP_LIMIT)
     assert waited == pytest.approx(TAKE_UP_LIMIT, abs=0.5)
     assert "recorder" in found.text
+
+
+def test_a_node_that_refuses_the_run_ends_it_at_once_with_its_reason(nodes):
+    take_up(nodes, "recorder")
+    assert not nodes.look().gives_up
+    for run, ends in (("run-0", False), (RUN, True)):
+        facts = {REFUSES: f"{run} the plan does not fit"}
+        nodes.watch.heard(
+            "/solver", Peer("solver", nodes.now, "session of solver", "", facts=facts)
+        )
+        found = nodes.taking_up.look(nodes.watch, nodes.now)
+        assert (found.gives_up, found.text == "the plan does not fit") == (ends, ends)
 
 
 @pytest.mark.parametrize("asleep", ["recorder", "interferometer"])

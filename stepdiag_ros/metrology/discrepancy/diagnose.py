@@ -112,7 +112,7 @@ def diagnose(
         return _gross(stops, gross)
     tell("fitting the baseline")
     baseline = fit_baseline(measurement, stops, known, fitted, curves)
-    stated = _stated(measurement)
+    stated = stated_noise(measurement)
     noise = estimate_noise(baseline, baseline.gap, stops, stated)
     effects = _effects(catalogue)
     if not np.isfinite(noise.size) or not noise.size > 0.0:
@@ -155,7 +155,8 @@ def _effects(catalogue: Iterable[Effect] | None) -> list[Effect]:
     return list(installed().values())
 
 
-def _stated(measurement: Measurement) -> float:
+def stated_noise(measurement: Measurement) -> float:
+    """Return the standard uncertainty that comes beside readings, m; NaN if none does."""
     values = np.concatenate([line.standard_uncertainty for line in measurement.lines])
     values = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

@@ -127,6 +127,27 @@ def completed_by(
     return runs_of(passes, plan.volume)
 
 
+def begun(lines: tuple[MeasuredLine, ...], plan: Plan) -> tuple[BidirectionalRuns, ...]:
+    """Return the tests of which a run that has ended measured some passes, but not all.
+
+    Args:
+        lines: all lines of the run, every attempt.
+        plan: of the run.
+    """
+    last = {
+        (line.setup, line.line.kind, line.line.name, line.line.order): line
+        for line in latest_attempts(lines)
+    }
+    left = [line for line in last.values() if completed_by(line, lines, plan) is None]
+    keys = {(line.setup, line.line.kind, line.line.name) for line in left}
+    found = all_runs(Measurement(plan.volume, latest_attempts(lines)))
+    return tuple(one for one in found if (one.setup, one.kind, _line_name(one)) in keys)
+
+
+def _line_name(test: BidirectionalRuns) -> str:
+    return LINEAR_LINES[AXES.index(test.name)] if test.kind == LINEAR else test.name
+
+
 def runs_of(lines: Iterable[MeasuredLine], volume: Volume) -> BidirectionalRuns | None:
     """Return the runs along one line in one setup; None if none of them is complete.
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from stepdiag_ros.metrology.standards.conformity import Conformity
+from stepdiag_ros.metrology.target import TargetStanding
 
 
 class Agreement(IntEnum):
@@ -31,6 +32,7 @@ class RunDecision:
         tolerance: m; NaN if none was agreed.
         method: that determined the errors; empty if none did.
         not_determined: names of the error curves (of nine) and squareness errors that are unknown.
+        target: how far the run is from its target; None if it has none.
     """
 
     conformity: Conformity
@@ -41,3 +43,4 @@ class RunDecision:
     tolerance: float
     method: str
     not_determined: tuple[str, ...]
+    target: TargetStanding | None = None

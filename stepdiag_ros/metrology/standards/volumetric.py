@@ -28,10 +28,13 @@ from stepdiag_ros.metrology.geometry import (
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 MOST_POINTS = 50_000
 """Nodes that are looked at in one go; more are done plane by plane, to bound the memory."""
+MOST_RIVALS = 200
+"""Places whose error vector may be the longest that are looked at, the longest first."""
 
 
 @dataclass(frozen=True)
@@ -186,6 +189,49 @@ def of_result(
         rms=found.rms,
         uncertainty_limit=limit,
     )
+
+
+def uncertainty_of_worst(
+    result: VolumetricErrors, chain: str = "", plausible: Plausible = ORDINARY
+) -> float:
+    """Return the standard uncertainty of the longest error vector, wherever that may be, m.
+
+    Of two places with errors of nearly the same length, the next readings may make either the
+    worst. So it is the largest over all places whose error vector may be the longest: those that
+    are shorter than the longest by no more than its expanded uncertainty. Where the map has no
+    errors (a perfect machine), it is that of any direction at the corners.
+
+    Args:
+        result: as in ``of_result``.
+        chain: as in ``of_result``.
+        plausible: as in ``of_result``.
+
+    Returns:
+        NaN where the errors or their uncertainty are not known.
+
+    Raises:
+        ValueError: the result has rotations and no chain is given.
+    """
+    found = of_result(result, chain, plausible)
+    if not np.isfinite(found.value):
+        return nan
+    error_map = VolumetricMap.of_result(result, chain, plausible)
+    if not found.value > 0.0:
+        corners = places_of([nodes[[0, -1]] for nodes in result.nodes])
+        traces = np.trace(error_map.covariance_at(corners), axis1=1, axis2=2)
+        return float(np.sqrt(np.max(traces) / len(AXES)))
+    places = error_map.some_nodes(MOST_POINTS)
+    vectors = error_map.errors(places)
+    lengths = np.linalg.norm(vectors, axis=1)
+    rivals = lengths >= found.value - COVERAGE_FACTOR * found.standard_uncertainty
+    rivals &= lengths > 0.0
+    among = np.flatnonzero(rivals)
+    among = among[np.argsort(-lengths[among])][:MOST_RIVALS]
+    along = vectors[among] / lengths[among, None]
+    covariances = error_map.covariance_at(places[among])
+    variances = np.einsum("ni,nij,nj->n", along, covariances, along)
+    of_rivals = float(np.sqrt(max(np.max(variances, initial=0.0), 0.0)))
+    return float(np.maximum(of_rivals, found.standard_uncertainty))
 
 
 def _triple(values: Vector) -> tuple[float, float, float]:

@@ -8,14 +8,16 @@ from stepdiag_ros import topics
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.tracker.tracked_line import station_of
 from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.run.sequence import State
-from stepdiag_ros.text.numbers import UNKNOWN
+from stepdiag_ros.run.target_words import course_words
+from stepdiag_ros.text.numbers import UNKNOWN, time_left
 from stepdiag_ros.viewers.page.contact import QUIET_AFTER, Contact
 from stepdiag_ros.viewers.page.control import LEADERS
 from stepdiag_ros.viewers.page.items import AxisPlace, MachineStatus, RunBegin, RunStatus
-from stepdiag_ros.viewers.page.section import PageSection, drawn, measured, time_left
+from stepdiag_ros.viewers.page.section import PageSection, drawn, measured
 from stepdiag_ros.viewers.scene.progress_markers import LineCourse, courses
 
 STATE_WORDS = {
@@ -53,7 +55,9 @@ class RunSection(PageSection):
             return self._refused_start() != before
         if not isinstance(item, RunStatus):
             return False
-        changed = self._status is None or item._replace(time=self._status.time) != self._status
+        # Numbers that are not known are never equal, and no news all the same.
+        last = self._status
+        changed = last is None or repr(item._replace(time=last.time)) != repr(last)
         self._status = item
         return changed
 
@@ -95,6 +99,8 @@ class RunSection(PageSection):
             "remaining_s": drawn(status.remaining_time) if under_way else None,
             "remaining": self._remaining(status.remaining_time) if under_way else "",
             "text": status.text,
+            "target": course_words(status.standing[-1]) if status.standing else "",
+            "target_share": _share_of_target(status.standing),
         }
 
     def _remaining(self, seconds: float) -> str:
@@ -107,6 +113,13 @@ class RunSection(PageSection):
         if self._contact is None or self._contact.roles.intersection(LEADERS):
             return ""
         return "no message from a sequencer"
+
+
+def _share_of_target(standing: tuple[TargetStanding, ...]) -> float | None:
+    """Return how near the uncertainty is to the target: 1 where it is reached; None if unknown."""
+    if not standing or not standing[-1].reached > 0.0:
+        return None
+    return drawn(min(1.0, standing[-1].demanded / standing[-1].reached))
 
 
 class VolumeSection(PageSection):

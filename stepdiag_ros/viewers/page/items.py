@@ -13,9 +13,11 @@ from stepdiag_ros.configuration import chain_from_text, plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.diagnosis import to_diagnosis
 from stepdiag_ros.messages.fields import Carried, Field, Header, to_nanoseconds
+from stepdiag_ros.messages.target import TARGET
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.topics import Topic
 
@@ -40,7 +42,10 @@ class RunBegin:
 
 
 class RunStatus(NamedTuple):
-    """Where a run is; fields as in RunState.msg, time in ns, NaN for a time left not known."""
+    """Where a run is; fields as in RunState.msg, time in ns, NaN for a time left not known.
+
+    ``standing`` is empty or has one entry.
+    """
 
     time: int
     run_id: str
@@ -55,9 +60,10 @@ class RunStatus(NamedTuple):
     stops_total: int
     remaining_time: float
     text: str
+    standing: tuple[TargetStanding, ...] = ()
 
 
-_RUN_STATUS = Carried(RunStatus, time=Header(), state=Field("state", State))
+_RUN_STATUS = Carried(RunStatus, time=Header(), state=Field("state", State), standing=TARGET)
 
 
 class MachineStatus(NamedTuple):

@@ -63,13 +63,3 @@ def measured(value: float, unit: str, decimals: int, scale: float = 1.0) -> str:
     """Write a number to fixed decimals with its unit, or that it is not known."""
     text = plain(value * scale, decimals)
     return text if text == UNKNOWN else f"{text} {unit}"
-
-
-def time_left(seconds: float) -> str:
-    """Write how long something still takes, for a person who waits: 45 s, 12 min, 3 h 05 min."""
-    if not math.isfinite(seconds):
-        return UNKNOWN
-    if seconds < 90.0:
-        return f"{round(seconds)} s"
-    minutes = round(seconds / 60.0)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

@@ -78,6 +78,8 @@ class Journal:
 
     def _tell_state(self, run: dict[str, Any]) -> None:
         state = run["state"]
+        if run.get("target") and self._is_news("target", run["target"]):
+            self.write(run["target"])
         if state is None or not self._is_news("state", state):
             return
         text = f": {run['text']}" if run["text"] and run["text"] != run["words"] else ""

@@ -72,6 +72,8 @@ def run_lines(run: Document, progress: Document, signs: Glyphs) -> Lines:
     incomplete = sum(course["incomplete"] for course in progress["courses"])
     if incomplete:
         told += f", {of_lines(incomplete)} incomplete"
+    if run["target"]:
+        lines.append(Text(run["target"]))
     lines.append(Text(f"{signs.bar(run['share'], _RUN_BAR)} {round(run['share'] * 100)} %, {told}"))
     return lines
 

@@ -13,11 +13,12 @@ from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
 from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.standards.volumetric import of_result
+from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.run.sequence import State as RunState
-from stepdiag_ros.text.numbers import plus_minus
+from stepdiag_ros.text.numbers import plus_minus, time_left
 from stepdiag_ros.viewers.page.contact import Contact, SilentNode
 from stepdiag_ros.viewers.page.items import AxisPlace, MachineStatus, RunBegin, Said
-from stepdiag_ros.viewers.page.section import micrometres, time_left
+from stepdiag_ros.viewers.page.section import micrometres
 from stepdiag_ros.viewers.page.state import SECTIONS, PageState
 
 
@@ -95,6 +96,27 @@ def test_an_unknown_time_left_is_not_zero(state, small_run):
         "89 min",
         "3 h 05 min",
     ]
+
+
+def test_the_uncertainty_falls_towards_the_target(state, small_run):
+    state.take(small_run.status())
+    told = state.document("run")
+    assert told["target"] == "" and told["target_share"] is None
+    shares = []
+    for lines, reached in enumerate((math.nan, 2e-6, 1.25e-6, 0.9e-6)):
+        over = TargetState.REACHED if lines == 3 else TargetState.OPEN
+        one = TargetStanding("E_XX", "m", 1e-6, reached, 8e-7, 100.0, over, lines, "more runs")
+        state.take(small_run.status(standing=(one,)))
+        told = state.document("run")
+        shares.append(told["target_share"])
+        assert "1 µm" in told["target"]
+    assert shares == [None, 0.5, 0.8, 1.0] and "0.9 µm" in told["target"]
+    # The same once more, with another unknown number, is no news.
+    beyond = replace(one, time_left=float("nan"))
+    state.take(small_run.status(standing=(beyond,)))
+    before = state.revision
+    state.take(small_run.status(standing=(replace(beyond, time_left=float("nan")),)))
+    assert state.revision == before
 
 
 def test_the_drawing_shows_what_is_left_present_measured_and_incomplete(state, small_run):

@@ -53,6 +53,10 @@ function run(told) {
   say("run-stops", told.stops_total ? `${told.stops_done} of ${told.stops_total} stops` : "");
   say("run-remaining", told.remaining || "–");
   say("headline-remaining", told.remaining || "–");
+  for (const part of document.getElementsByClassName("of-target")) part.hidden = !told.target;
+  say("run-target", told.target || "");
+  at("target-progress").hidden = told.target_share == null;
+  at("target-progress").value = told.target_share ?? 0;
   say("run-line", told.line ? `${told.line} (${told.line_number} of ${told.line_count})` : "–");
   const block = told.block_count ? `block ${told.block} of ${told.block_count}, ` : "";
   const where = `${block}stop ${told.stop} (0 to ${told.stop_count - 1})`;
