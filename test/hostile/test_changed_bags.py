@@ -18,6 +18,7 @@ from stepdiag_ros.report.documents.lead import lead_document
 from stepdiag_ros.words.lead import sentences_of
 
 READING, COMMAND, STOP = "/interferometer/reading", "/machine/command", "/measurement/stop"
+RESULT = "/result/volumetric_errors"
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,12 @@ def test_every_chunk_doubled_is_said_and_counts_once(whole, written, older):
         path = written(changed)
         report = solved(path)
         assert numbers(report) == known
-        (flaw,) = [one for one in report.recording if one.kind == "doubled"]
+        doubled = [one for one in report.recording if one.kind == "doubled"]
+        # How often a solver published its results, nobody but our writer tells.
+        if older and {one.channel_id for one in bag.chunks[number]} == {bag.channel_of(RESULT)}:
+            assert not doubled
+            continue
+        (flaw,) = doubled
         there = [one for one in bag.chunks[number] if one.channel_id == bag.channel_of(READING)]
         assert flaw.messages.get(READING, 0) == len(there)
         assert sentences_of(lead_of(report))[0] == flaw.sentence
@@ -80,7 +86,8 @@ def test_every_chunk_dropped_is_said_first(whole, written, older):
         assert "missing" in kinds(path), number
         there = [one for one in bag.chunks[number] if one.channel_id == bag.channel_of(READING)]
         # Of the readings behind the last stop nobody but our writer tells how many there were.
-        known = not older or number < len(bag.chunks) - 2
+        behind = {one.channel_id for chunk in bag.chunks[number + 1 :] for one in chunk}
+        known = not older or bag.channel_of(READING) in behind
         if there and known:
             assert sum(flaw.messages.get(READING, 0) for flaw in run.flaws) == len(there)
 
