@@ -287,7 +287,8 @@ def test_a_frozen_encoder_at_the_end_of_a_move_is_not_in_position(watched, machi
     machine_tool.thaw("X")
     fault = watched.states()[-1]
     assert fault.state is CncState.FAULT
-    assert fault.reason == "LinuxCNC calls the move done, but X is 100 um off"
+    off = re.fullmatch(r"LinuxCNC calls the move done, but X is (\S+) um off", fault.reason)
+    assert float(off[1]) == pytest.approx(100.0, abs=1.0)
     watched.reset()
 
 
