@@ -9,6 +9,7 @@ import pytest
 import rclpy
 from drivers_for_tests import bring_drivers
 from patience import PATIENCE
+from small_run import write_small_run
 from test_managed_nodes import RUN, Bench, set_now
 
 from stepdiag_ros import topics
@@ -179,12 +180,12 @@ def test_a_bridge_that_was_started_again_repeats_nothing(bench):
     assert Mill.moves == 0
 
 
-def test_a_recorded_run_moves_nothing(bench):
+def test_a_recorded_run_moves_nothing(bench, tmp_path):
     """Every recorded message of a run, and even permits with it, beside a bridge that is ready."""
     cell = ready(bench("device:=simulated", "use_sim_time:=false"))
     speakers = {topics.RUN_DESCRIPTION: cell.descriptions, topics.MACHINE_COMMAND: cell.commands}
     names = {topics.absolute(topic): topic for topic in speakers}
-    with open_bag(BAG) as bag:
+    with open_bag(write_small_run(tmp_path / "run.mcap")) as bag:
         records = list(bag.records(topics=list(names)))
         for _ in range(3):
             for record in records:

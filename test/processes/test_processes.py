@@ -110,7 +110,7 @@ def test_a_stopped_run_says_how_many_lines_are_in_which_bag(tmp_path, monkeypatc
         def __init__(self, *_):
             pass
 
-        def measure(self, until):
+        def measure(self, **_):
             raise KeyboardInterrupt
 
     session = MeasuringSession([], tmp_path, lambda _: None)
