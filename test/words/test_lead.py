@@ -1,4 +1,4 @@
-"""What is said in short: the largest errors by one definition, what was zero, what comes next."""
+"""The lead: the largest errors by one definition, what was zero, what comes next."""
 
 import io
 from dataclasses import replace
