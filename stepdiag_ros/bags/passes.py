@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.bags.run import RecordedRun, StateChange
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Line, Plan
 from stepdiag_ros.metrology.target import TargetState
@@ -95,20 +95,21 @@ def completeness_of(recorded: RecordedRun, measurement: Measurement) -> Complete
 
 def _asked_for(recorded: RecordedRun) -> Plan:
     """Return the part of the plan that a run has to hold: that to its target, if it reached it."""
-    last = recorded.states[-1] if recorded.states else None
-    if last is None or last.state != _FINISHED or last.target is None:
+    if not recorded.states or not _ended_at_target(recorded.states[-1]):
         return recorded.plan
-    if last.target.state is not TargetState.REACHED:
-        return recorded.plan
-    return replace(recorded.plan, lines=recorded.plan.lines[: last.line_index])
+    return replace(recorded.plan, lines=recorded.plan.lines[: recorded.states[-1].line_index])
+
+
+def _ended_at_target(last: StateChange) -> bool:
+    reached = last.target is not None and last.target.state is TargetState.REACHED
+    return last.state == _FINISHED and reached
 
 
 def _end_of_run(recorded: RecordedRun, whole: bool) -> str:
     if not recorded.states:
         return ""
     last = recorded.states[-1]
-    reached = last.target is not None and last.target.state is TargetState.REACHED
-    if last.state == _FINISHED and reached and whole:
+    if whole and _ended_at_target(last):
         return last.text
     return end_words(last.state, last.text, whole)
 
