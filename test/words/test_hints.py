@@ -1,4 +1,4 @@
-"""What in a machine has a shape like that of a gap without a name."""
+"""Hints: what in a machine has the shape of a gap that has no name."""
 
 import pytest
 
