@@ -6,7 +6,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -166,3 +166,110 @@ def test_a_move_ends_after_the_hold_time_between_two_positions(bench, pace, late
         assert HOLD <= (ready["time"] - moving["time"]) * 1e-9 < latest
 
     bench.execute(course())
+
+
+class Channel:
+    """A status channel that, once broken, stays so; a new one works when LinuxCNC does."""
+
+    linuxcnc_works, opened = True, 0
+
+    def __init__(self):
+        type(self).opened += 1
+        self.broken = False
+        # As before the first poll.
+        self.task_state, self.linear_units, self.joints, self.joint = 0, 0.0, 0, []
+        self.actual_position = (0.0,) * 9
+
+    def poll(self):
+        if self.broken or not self.linuxcnc_works:
+            self.broken = True
+            raise RuntimeError("emcStatusBuffer invalid err=5")
+        self.task_state, self.linear_units, self.joints = 4, 1.0, 3
+        self.joint = [
+            {"fault": 0, "min_hard_limit": 0, "max_hard_limit": 0, "homed": 1} for _ in range(3)
+        ]
+
+
+class Messages:
+    """An error channel with one message, behind an internal error."""
+
+    opened = 0
+
+    def __init__(self):
+        type(self).opened += 1
+        self.left = [RuntimeError("err=5")] if self.opened == 1 else [(1, "joint 0 lags"), None]
+
+    def poll(self):
+        message = self.left.pop(0)
+        if isinstance(message, Exception):
+            raise message
+        return message
+
+
+class Component(dict):
+    """A component of HAL."""
+
+    def newpin(self, name, *_):
+        self[name] = False
+
+    def ready(self):
+        """Be ready."""
+
+
+@pytest.fixture
+def controller(monkeypatch):
+    for made in (Channel, Messages):
+        monkeypatch.setattr(made, "opened", 0)
+    linuxcnc = ModuleType("linuxcnc")
+    for name, value in {
+        "error": RuntimeError,
+        "version": "0",
+        "stat": Channel,
+        "command": object,
+        "error_channel": Messages,
+        "ini": lambda _: SimpleNamespace(find=lambda *_: None),
+        "NML_ERROR": 1,
+        "OPERATOR_ERROR": 11,
+        "STATE_ESTOP": 1,
+        "STATE_ON": 4,
+    }.items():
+        setattr(linuxcnc, name, value)
+    hal = ModuleType("hal")
+    hal.error, hal.component, hal.HAL_BIT, hal.HAL_OUT = RuntimeError, lambda _: Component(), 1, 32
+    hal.component_is_ready = lambda _: True
+    hal.get_value = lambda name: name == "iocontrol.0.emc-enable-in"
+    monkeypatch.setitem(sys.modules, "linuxcnc", linuxcnc)
+    monkeypatch.setitem(sys.modules, "hal", hal)
+    monkeypatch.syspath_prepend(Path(linuxcnc_agent.__file__).parent)
+    import stepdiag_controller
+
+    yield stepdiag_controller.Controller("machine.ini")
+    del sys.modules["stepdiag_controller"]
+
+
+def test_an_internal_error_of_the_status_channel_does_not_end_the_session(controller):
+    assert controller.trouble() == ""
+    controller.stat.broken = True
+    controller.look()
+    assert controller.trouble() == "" and not controller.stat.broken
+
+
+def test_a_status_that_stays_away_holds_the_machine_until_it_is_back(controller, monkeypatch):
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    monkeypatch.setattr(Channel, "linuxcnc_works", False)
+    for _ in range(20):
+        controller.look()
+        now += 0.002
+        assert "err=5" in controller.trouble()
+    # Opened at the start, and then not with every look.
+    assert 2 <= Channel.opened <= 4
+    monkeypatch.setattr(Channel, "linuxcnc_works", True)
+    now += 1.0
+    controller.look()
+    assert controller.trouble() == ""
+
+
+def test_messages_come_again_after_an_internal_error_of_their_channel(controller):
+    assert controller.errors() == []
+    assert controller.errors() == ["joint 0 lags"]

@@ -58,6 +58,7 @@ class Controller:
         self.position = (0.0, 0.0, 0.0)
         self._slow, self._dead = "", False
         self._slow_at = 0.0
+        self._reopen_at = 0.0
         self._pins, self._offsets = self._motor_pins()
         self._motors: list[float] = []
         self._feedback = [f"joint.{joint}.pos-fb" for joint in self._joints()]
@@ -90,7 +91,7 @@ class Controller:
         """Take the present status."""
         self.looked = time.monotonic()
         try:
-            self.stat.poll()
+            self._poll()
         except linuxcnc.error as error:
             self._slow = f"LinuxCNC no longer reports its status ({error})"
             return
@@ -107,6 +108,25 @@ class Controller:
         if time.monotonic() - self._slow_at > SLOW_PERIOD:
             self._slow_at = time.monotonic()
             self._slow = self._look_closer()
+
+    def _poll(self) -> None:
+        """Take LinuxCNC's status; open its channel again if it fails.
+
+        A channel with an internal error keeps it and never works again.
+
+        Raises:
+            linuxcnc.error: the new channel fails too.
+        """
+        try:
+            self.stat.poll()
+        except linuxcnc.error:
+            if self.looked < self._reopen_at:
+                raise
+            self._reopen_at = self.looked + SLOW_PERIOD
+            stat = linuxcnc.stat()
+            stat.poll()
+            # A channel that has not been polled shows a machine that is switched off.
+            self.stat = stat
 
     def motors(self) -> list[float] | None:
         """Return the positions of the motors, before LinuxCNC's compensation, m."""
@@ -192,7 +212,11 @@ class Controller:
         """Return LinuxCNC's error messages since the last call."""
         found: list[str] = []
         while self._messages is not None:
-            message = self._messages.poll()
+            try:
+                message = self._messages.poll()
+            except linuxcnc.error:
+                self._messages = linuxcnc.error_channel()
+                break
             if not message:
                 break
             kind, text = message
