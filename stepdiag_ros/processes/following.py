@@ -169,9 +169,12 @@ class FollowedRun:
         while not self._has_result():
             operator.spin_until(lambda: operator.result is not None, 0.2)
             self._check()
-            if operator.sequencer == sequencer:
+            # Empty while it is silent, as it may have been when this began.
+            present = operator.sequencer
+            sequencer = sequencer or present
+            if present and present == sequencer:
                 heard = operator.real_time()
-            elif operator.sequencer:
+            elif present:
                 raise RunFailed("the sequencer was restarted and has lost the run")
             elif operator.real_time() - heard > GONE_LIMIT:
                 raise RunFailed("the sequencer is gone")

@@ -80,3 +80,38 @@ def test_a_resumption_that_is_refused_for_good_says_what_holds_the_run():
     with pytest.raises(RunFailed) as caught:
         followed(operator, 0.0)._resume()
     assert "bridge is silent" in str(caught.value) and "recorder" in str(caught.value)
+
+
+class SilentOperator(RefusingOperator):
+    """Follows a run whose sequencer is heard as listed, look by look, and then ends it."""
+
+    def __init__(self, heard: list[str]) -> None:
+        super().__init__(0.0)
+        self.heard, self.state, self.text = list(heard), None, ""
+        self.sequencer = self.heard.pop(0)
+
+    def spin_until(self, condition, limit: float) -> bool:
+        if self.heard:
+            self.sequencer = self.heard.pop(0)
+        else:
+            self.result = SimpleNamespace(outcome=0, text="", run_id="run")
+        return super().spin_until(condition, limit)
+
+
+@pytest.mark.parametrize("heard", [["", "one", "", "one"], ["one", "", "", "one"], ["", "", "one"]])
+def test_a_sequencer_that_was_silent_is_the_same_when_it_is_heard_again(heard, monkeypatch):
+    operator = SilentOperator(heard)
+    run = followed(operator, 0.0)
+    monkeypatch.setattr(run, "_has_result", lambda: operator.result is not None)
+    run._follow()
+    assert operator.result is not None
+
+
+@pytest.mark.parametrize("heard", [["one", "two"], ["", "one", "two"], ["one", "", "two"]])
+def test_a_sequencer_that_was_restarted_has_lost_the_run(heard, monkeypatch):
+    operator = SilentOperator(heard)
+    run = followed(operator, 0.0)
+    monkeypatch.setattr(run, "_has_result", lambda: operator.result is not None)
+    with pytest.raises(RunFailed):
+        run._follow()
+    assert operator.result is None
