@@ -7,6 +7,7 @@ import time
 
 import pytest
 from instrument_peers import TcpPeer
+from patience import PATIENCE
 from refused import a_fault, refused
 from serial import rfc2217, serial_for_url
 
@@ -21,7 +22,7 @@ def settings(**keys):
     return LinkSettings.from_section(Section(keys, "connection"))
 
 
-def received(link, count, seconds=3.0):
+def received(link, count, seconds=PATIENCE):
     """Return what comes, until it is that much."""
     data, end = b"", time.monotonic() + seconds
     while len(data) < count and time.monotonic() < end:
@@ -39,7 +40,7 @@ def peer():
 
 def connected(peer):
     link = Link(settings(url=peer.url))
-    end = time.monotonic() + 3.0
+    end = time.monotonic() + PATIENCE
     while (peer.connection is None or not link.ready) and time.monotonic() < end:
         peer.attend()
         time.sleep(0.001)
@@ -52,7 +53,7 @@ def test_bytes_go_both_ways_over_tcp(peer):
     peer.say(b"one\r\ntw")
     assert received(link, 7) == b"one\r\ntw"
     link.send(b"?\n")
-    end = time.monotonic() + 3.0
+    end = time.monotonic() + PATIENCE
     while not (heard := peer.heard()) and time.monotonic() < end:
         time.sleep(0.001)
     assert heard == b"?\n"
@@ -80,10 +81,11 @@ def test_a_peer_that_takes_nothing_never_holds_up_the_caller(peer):
     with refused(Lost, "lost", aspect="writing"):
         for _ in range(100_000):
             link.send(b"x" * 1000)
-    assert time.monotonic() - began < 1.0
+    # Whoever waits for room waits for ever: nobody makes any.
+    assert time.monotonic() - began < PATIENCE / 2.0
     # What was accepted goes out when there is room again.
     sent = 0
-    end = time.monotonic() + 3.0
+    end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         heard = peer.heard()
         sent += len(heard or b"")
@@ -99,7 +101,7 @@ def test_opening_is_not_waited_for(monkeypatch):
     wait, released = link_module.Event(), []
 
     def slow(_):
-        wait.wait(5.0)
+        wait.wait(PATIENCE)
         return serial_for_url("loop://", timeout=0)
 
     monkeypatch.setattr(link_module, "_opened", slow)
@@ -107,7 +109,7 @@ def test_opening_is_not_waited_for(monkeypatch):
     link = Link(settings(url="socket://far.away:1"))
     link.send(b"early")
     assert not link.ready and link.receive() == b""
-    assert time.monotonic() - began < 1.0
+    assert time.monotonic() - began < PATIENCE / 2.0
     wait.set()
     assert received(link, 5) == b"early"
     link.close()
@@ -117,7 +119,7 @@ def test_opening_is_not_waited_for(monkeypatch):
     link.close()
     monkeypatch.setattr(Link, "_close", lambda _: released.append(True))
     wait.set()
-    end = time.monotonic() + 3.0
+    end = time.monotonic() + PATIENCE
     while not released and time.monotonic() < end:
         time.sleep(0.001)
     assert released
@@ -172,7 +174,7 @@ def test_a_port_behind_a_terminal_server(peer):
             peer.say(data)
 
     port = serial_for_url("loop://", timeout=0)
-    manager, data, end = None, b"", time.monotonic() + 8.0
+    manager, data, end = None, b"", time.monotonic() + PATIENCE
     while time.monotonic() < end and data != b"ping\n":
         peer.attend()
         if peer.connection is not None:

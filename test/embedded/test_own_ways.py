@@ -42,13 +42,13 @@ def test_incompatible_qos_is_told_on_both_sides(node: Any, peer: Start, capfd: A
     assert "New subscription discovered on topic '/chat', requesting incompatible QoS" in own
 
 
-def test_throughput_is_at_least_15000_a_second(ros: Any, node: Any, peer: Start) -> None:
+def test_nothing_of_a_burst_is_lost_or_out_of_order(ros: Any, node: Any, peer: Start) -> None:
     from rclpy.qos import HistoryPolicy, QoSProfile
     from std_msgs.msg import Header
 
-    times: list[float] = []
+    got: list[str] = []
     qos = QoSProfile(history=HistoryPolicy.KEEP_ALL)
-    node.create_subscription(Header, "fast", lambda _: times.append(time.process_time()), qos)
+    node.create_subscription(Header, "fast", lambda message: got.append(message.frame_id), qos)
     peer(
         """
         import time
@@ -60,21 +60,19 @@ def test_throughput_is_at_least_15000_a_second(ros: Any, node: Any, peer: Start)
         publisher = node.create_publisher(Header, 'fast', qos)
         while publisher.get_subscription_count() < 1:
             time.sleep(0.01)
-        message = Header(frame_id='laser')
         for number in range(30000):
-            publisher.publish(message)
+            publisher.publish(Header(frame_id=str(number)))
         publisher.wait_for_all_acked()
         """
     )
     executor = ros.executors.SingleThreadedExecutor()
     executor.add_node(node)
     end = time.monotonic() + PATIENCE
-    while len(times) < 30000 and time.monotonic() < end:
+    while len(got) < 30000 and time.monotonic() < end:
         executor.spin_once(timeout_sec=0.5)
     executor.shutdown()
-    assert len(times) == 30000
-    # Processor time of the whole subscriber, because other work may share the machine.
-    assert 29999 / (times[-1] - times[0]) > 15000
+    # How fast: benchmarks/latency.py.
+    assert got == [str(number) for number in range(30000)]
 
 
 def test_broken_sample_is_said_once_and_survived(node: Any, capfd: Any) -> None:
