@@ -79,6 +79,10 @@ def add_wires(
     return wires
 
 
+_SHORT = 0.45
+"""An edge of a box below this share of the drawing is short."""
+
+
 def frame_box(
     axes: Axes, low: Vector, high: Vector, room: float = 0.0, letters: float = SMALL_SIZE
 ) -> None:
@@ -101,6 +105,7 @@ def frame_box(
         (np.array([low[0], low[1], low[2]]), np.array([low[0], low[1], z])),
     )
     size = float(np.ptp(project(box_edges(low, high)).reshape(-1, 2), axis=0).max())
+    below = 0.1
     # Larger numbers of two edges that meet need more room between them.
     ends = 0.03 * (1.0 + letters - SMALL_SIZE)
     outwards = (np.array([-0.35, -0.6]), np.array([0.35, -0.4]), np.array([-0.5, 0.0]))
@@ -109,8 +114,11 @@ def frame_box(
         first, last = project(start), project(end)
         step = _BEYOND * size * outwards[axis]
         across, up = sides[axis]
+        # Along a short edge the name has no room between the numbers.
+        short = np.linalg.norm(last - first) < _SHORT * size
+        beside, below = (4.0, 0.2) if short else (1.8, below)
         words = (
-            (0.5, f"{AXES[axis]} / mm", 1.8, letters + 0.5),
+            (0.5, f"{AXES[axis]} / mm", beside, letters + 0.5),
             (ends, f"{low[axis] * IN_MILLI:g}", 1.0, letters),
             (1.0 - ends, f"{high[axis] * IN_MILLI:g}", 1.0, letters),
         )
@@ -120,7 +128,7 @@ def frame_box(
                 float(at[0]), float(at[1]), word, ha=across, va=up, fontsize=size_of_word, color=INK
             )
     reach = project(box_edges(low, high)).reshape(-1, 2)
-    first = reach.min(axis=0) - np.array([0.1 + room, 0.1]) * size
+    first = reach.min(axis=0) - np.array([0.1 + room, below]) * size
     axes.update_datalim(np.array([first, reach.max(axis=0) + 0.03 * size]))
     axes.margins(0.01)
     axes.autoscale_view()

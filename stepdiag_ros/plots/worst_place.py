@@ -62,9 +62,9 @@ def worst_error(
         expanded_uncertainty = COVERAGE_FACTOR * worst.standard_uncertainty
     error_map = VolumetricMap.of_result(result, chain)
     low, high = error_map.low, error_map.high
-    sheet = Sheet(1, 1, 3.1, axes=axes, width=4.0, left=0.1, right=0.1, bottom=0.05)
+    sheet = Sheet(1, 1, 3.1, axes=axes, width=4.7, left=0.1, right=0.8, bottom=0.05)
     (panel,) = sheet.panels
-    _walls(panel, error_map, worst.value)
+    wall = _walls(panel, error_map, worst.value)
     add_wires(panel, box_edges(low, high), colors="0.55", linewidths=0.8)
     _arrow(panel, worst, low, high)
     frame_box(panel, low, high, letters=_LETTERS)
@@ -74,20 +74,38 @@ def worst_error(
         for letter, value in zip(AXES, worst.position, strict=True)
     )
     heading = f"Largest error: {size} µm (95 %)" if title is None else title
-    return sheet.finish(
+    figure = sheet.finish(
         heading,
         under=[f"at {where} mm"] if title is None else [],
         legend=False,
-        small_print=[
-            f"Walls: longest error vector in front of them, white 0 to blue"
-            f" {plain(worst.value * IN_MICRO, 1)} µm. {method_title(result.method)}."
-        ],
+        small_print=[f"Walls: longest error vector in front. {method_title(result.method)}."],
         stamp=stamp,
     )
+    if axes is None:
+        _scale(figure, panel, wall, worst.value)
+    return figure
 
 
-def _walls(panel: Axes, error_map: VolumetricMap, largest: float) -> None:
-    """Colour the three walls behind the box by the longest error vector in front of each place."""
+def _scale(figure: Figure, beside: Axes, wall: PolyCollection, largest: float) -> None:
+    """Draw the scale of the walls' colours beside the box."""
+    place = beside.get_position()
+    width = float(figure.get_figwidth())
+    axes = figure.add_axes(
+        (place.x1 + 0.1 / width, place.y0 + 0.15 * place.height, 0.13 / width, 0.7 * place.height)
+    )
+    bar = figure.colorbar(wall, cax=axes)
+    ends = (0.0, 0.5 * largest, largest)
+    bar.set_ticks(ends, labels=[plain(end * IN_MICRO, 1) for end in ends])
+    bar.set_label("error / µm", fontsize=_LETTERS)
+    axes.tick_params(labelsize=_LETTERS)
+
+
+def _walls(panel: Axes, error_map: VolumetricMap, largest: float) -> PolyCollection:
+    """Colour the three walls behind the box by the longest error vector in front of each place.
+
+    Returns:
+        the last wall; all have one scale of colours.
+    """
     nodes = [_spread(one) for one in error_map.nodes]
     grid = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1)
     lengths = np.linalg.norm(error_map.errors(grid.reshape(-1, 3)), axis=1).reshape(grid.shape[:3])
@@ -97,18 +115,17 @@ def _walls(panel: Axes, error_map: VolumetricMap, largest: float) -> None:
         corners = [wall[:-1, :-1], wall[1:, :-1], wall[1:, 1:], wall[:-1, 1:]]
         places = project(np.stack(corners, axis=2)).reshape(-1, 4, 2)
         cells = (seen[:-1, :-1] + seen[1:, :-1] + seen[1:, 1:] + seen[:-1, 1:]) / 4.0
-        panel.add_collection(
-            PolyCollection(
-                list(places),
-                array=cells.ravel(),
-                cmap=_WALLS,
-                clim=(0.0, largest),
-                edgecolors="face",
-                linewidths=0.3,
-                label=f"wall {AXES[axis]}",
-            ),
-            autolim=False,
+        shown = PolyCollection(
+            list(places),
+            array=cells.ravel(),
+            cmap=_WALLS,
+            clim=(0.0, largest),
+            edgecolors="face",
+            linewidths=0.3,
+            label=f"wall {AXES[axis]}",
         )
+        panel.add_collection(shown, autolim=False)
+    return shown
 
 
 def _spread(nodes: Vector) -> Vector:

@@ -13,7 +13,7 @@ from stepdiag_ros.text.numbers import with_expanded
 def test_the_arrow_begins_at_the_worst_place_and_points_along_the_error():
     result = make_result()
     worst = of_result(result)
-    (panel,) = plots.worst_error(result).axes
+    panel, _ = plots.worst_error(result).axes
     (arrow,) = [one for one in panel.texts if getattr(one, "arrow_patch", None) is not None]
     place, vector = np.array(worst.position), np.array(worst.vector)
     np.testing.assert_allclose(arrow.xyann, project(place))
@@ -27,7 +27,7 @@ def test_the_arrow_begins_at_the_worst_place_and_points_along_the_error():
 def test_each_wall_shows_the_longest_error_in_front_of_it():
     result = make_result()
     worst, error_map = of_result(result), VolumetricMap.of_result(result)
-    (panel,) = plots.worst_error(result).axes
+    panel, _ = plots.worst_error(result).axes
     walls = {one.get_label(): one for one in panel.collections if "wall" in one.get_label()}
     assert set(walls) == {"wall X", "wall Y", "wall Z"}
     nodes = error_map.nodes
@@ -52,7 +52,16 @@ def test_size_uncertainty_and_place_stand_above_it():
 
 def test_letters_are_readable_where_it_is_600_pixels_wide():
     figure = plots.worst_error(make_result())
-    (panel,) = figure.axes
+    panel, _ = figure.axes
     words = [text for text in panel.texts if text.get_text()]
     smallest = min(text.get_fontsize() for text in words)
     assert smallest / 72.0 / figure.get_figwidth() * 600.0 >= 12.0
+
+
+def test_the_scale_of_colours_ends_at_the_largest_error():
+    result = make_result()
+    _, scale = plots.worst_error(result).axes
+    largest = of_result(result).value
+    assert scale.get_ylim() == (0.0, largest)
+    shown = [float(label.get_text()) for label in scale.get_yticklabels()]
+    np.testing.assert_allclose(shown, [0.0, 0.5e6 * largest, 1e6 * largest], atol=0.051)
