@@ -184,6 +184,16 @@ def numbered_commands_of(bag):
     return [(number, targets[number]) for number in accepted if targets[number]]
 
 
+def positions_of(bag):
+    """Return target and actual position, m, of each settled stop, in the order of time."""
+    with BagReader(bag) as reader:
+        return [
+            (tuple(message.target), tuple(message.position))
+            for record, message in reader.messages()
+            if record.topic == topics.absolute(topics.STOP) and message.settled
+        ]
+
+
 def answers_of(bag, answer):
     """Return number and words of each command that was answered in one way."""
     with BagReader(bag) as reader:

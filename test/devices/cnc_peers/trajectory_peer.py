@@ -38,7 +38,7 @@ class TrajectoryPeer:
         robot: behind it.
         sampling: joint states are published.
         managing: the controller manager answers (late, once it does again).
-        halfway: number of a goal, from 1 → what happens, once, when half of its time is over.
+        during: number of a goal, from 1 → part of its time, and what happens, once, after it.
         targets: end of each goal of the action that was reached, in the units of the joints.
     """
 
@@ -46,7 +46,7 @@ class TrajectoryPeer:
         self.namespace = namespace
         self.robot = TrajectoryRobot({"x": 0.0, "y1": 0.0, "y2": 0.0, "z": 0.0})
         self.sampling = self.managing = True
-        self.halfway = {}
+        self.during = {}
         self.lock = threading.RLock()
         self._ends = {}
 
@@ -104,8 +104,10 @@ class TrajectoryPeer:
         with self.lock:
             robot = self.robot
             robot.step(time.monotonic())
-            if robot.share >= 0.5 and robot.accepted in self.halfway:
-                self.halfway.pop(robot.accepted)()
+            share, happens = self.during.get(robot.accepted, (2.0, None))
+            if robot.share >= share:
+                del self.during[robot.accepted]
+                happens()
             for key, outcome, code, words in robot.ended:
                 if key in self._ends:
                     self._ends.pop(key).set_result((outcome, code, words))
