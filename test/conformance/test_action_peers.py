@@ -52,14 +52,14 @@ from rclpy.action import ActionClient
 rclpy.init()
 node = rclpy.create_node("caller")
 client = ActionClient(node, Fibonacci, "count")
-assert client.wait_for_server(timeout_sec=10)
+assert client.wait_for_server(timeout_sec=300)
 goal = client.send_goal_async(
     Fibonacci.Goal(order=int(sys.argv[1])),
     feedback_callback=lambda message: print("feedback", flush=True),
 )
-rclpy.spin_until_future_complete(node, goal, timeout_sec=10)
+rclpy.spin_until_future_complete(node, goal, timeout_sec=300)
 result = goal.result().get_result_async()
-rclpy.spin_until_future_complete(node, result, timeout_sec=20)
+rclpy.spin_until_future_complete(node, result, timeout_sec=300)
 print("status", result.result().status, list(result.result().result.sequence), flush=True)
 """
 

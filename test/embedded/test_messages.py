@@ -7,7 +7,7 @@ import copy
 import math
 import random
 import string
-import time
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -316,36 +316,17 @@ def test_a_huge_count_takes_no_memory() -> None:
     cls = make("float64[] x\nstring[] y")
     definition = cls._DEFINITION  # type: ignore[attr-defined]
     read = cdr.make_deserializer(definition, registry.definition, lambda _: cls)
-    started = time.perf_counter()
-    for count in (b"\xff\xff\xff\x7f", b"\xff\xff\xff\xff"):
-        with pytest.raises(cdr.DecodeError):
-            read(b"\0\1\0\0" + count)
-        with pytest.raises(cdr.DecodeError):
-            read(b"\0\1\0\0" + b"\0\0\0\0" + count)
-    assert time.perf_counter() - started < 0.1
-
-
-def test_small_message_costs_microseconds() -> None:
-    fields = "\n".join(f"float64 v{index}" for index in range(8))
-    cls = make(f"std_msgs/Header header\nuint64 sequence\n{fields}\nuint8 status")
-    definition = cls._DEFINITION  # type: ignore[attr-defined]
-    write = cdr.make_serializer(definition, registry.definition)
-
-    def find(name: str) -> type:
-        return cls if name == definition.name else registry.message_class(name)
-
-    read = cdr.make_deserializer(definition, registry.definition, find)
-    message: Any = cls(sequence=1)
-    message.header.frame_id = "laser"
-    data = write(message)
-    for function, argument in ((write, message), (read, data)):
-        best = math.inf
-        for _ in range(5):
-            started = time.perf_counter()
-            for _ in range(1000):
-                function(argument)
-            best = min(best, (time.perf_counter() - started) / 1000)
-        assert best < 15e-6
+    tracemalloc.start()
+    try:
+        for count in (b"\xff\xff\xff\x7f", b"\xff\xff\xff\xff"):
+            with pytest.raises(cdr.DecodeError):
+                read(b"\0\1\0\0" + count)
+            with pytest.raises(cdr.DecodeError):
+                read(b"\0\1\0\0" + b"\0\0\0\0" + count)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1_000_000
 
 
 @pytest.mark.parametrize(

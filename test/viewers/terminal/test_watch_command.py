@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+from patience import PATIENCE
 from refused import refused
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
@@ -123,7 +124,7 @@ def on_a_terminal(arguments, end=False, **given):
         env=environment(**given),
     )
     os.close(follower)
-    written, deadline = b"", time.monotonic() + 60.0
+    written, deadline = b"", time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         if not select.select([leader], [], [], 1.0)[0]:
             continue
@@ -136,7 +137,7 @@ def on_a_terminal(arguments, end=False, **given):
             process.send_signal(signal.SIGINT)
             end = False
     os.close(leader)
-    return process.wait(30.0), written.decode()
+    return process.wait(PATIENCE), written.decode()
 
 
 TAKEN, GIVEN_BACK = "\x1b[?1049h", "\x1b[?1049l"
