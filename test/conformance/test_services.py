@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -53,14 +52,10 @@ def test_service_across_processes(ros: Any, node: Any, peer: Start) -> None:
     assert not client.wait_for_service(timeout_sec=0.05)
     peer(SERVE)
     assert client.wait_for_service(timeout_sec=PATIENCE)
-    delays = []
     for number in range(200):
-        started = time.perf_counter()
         future = client.call_async(SetBool.Request(data=number % 2 == 0))
         ros.spin_until_future_complete(node, future, timeout_sec=PATIENCE)
-        delays.append(time.perf_counter() - started)
         assert future.result().message == ("on" if number % 2 == 0 else "off")
-    assert sorted(delays)[20] < 0.005
 
 
 def test_first_call_is_not_lost(ros: Any, node: Any, peer: Start) -> None:
