@@ -78,10 +78,11 @@ def _counted(figure):
     if not figure["runs"]:
         return "none", ""
     if "median" in figure:
-        low, high = figure["bounds"] or ("-∞", "∞")
+        # Of a few runs the median has no bounds.
+        bounds = "{} … {}".format(*figure["bounds"]) if figure["bounds"] else "unknown"
         return (
             f"{figure['median']:.3f}, {figure['largest']:.3g} at most ({figure['runs']} runs)",
-            f"{low} … {high}",
+            bounds,
         )
     hits, runs = figure["hits"], figure["runs"]
     low, high = figure["bounds"]
