@@ -13,6 +13,7 @@ import argparse
 import json
 import sys
 import time
+from contextlib import redirect_stdout
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -58,7 +59,9 @@ def main():
     arguments = parser.parse_args()
     begin, faults, failed = time.perf_counter(), 0, {}
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
-        begun, wrong = judged(arguments.folder / str(seed), seed)
+        # The checks print their figures.
+        with redirect_stdout(sys.stderr):
+            begun, wrong = judged(arguments.folder / str(seed), seed)
         faults += len(begun)
         if wrong:
             failed[seed] = {"begun": begun, "wrong": wrong}
