@@ -1,9 +1,10 @@
 """The catalogue of an archive: parts of Parquet, written once, and what DuckDB reads from them.
 
 A part is three files of one name, ``runs``, ``figures`` and ``curves``, of which ``runs`` comes
-last: the part is there if this file is. Parts never change. A bag that is evaluated again gives a
-new part; small parts are packed into larger ones. Until the old ones are removed, a bag may be in
-two parts. The row of the newest software counts, then that of the first part by name; every reader
+last: the part is there if this file is. Parts never change. Small parts are packed into a larger
+one, which names those that it replaces; they stay for a while for those who are reading them. A bag
+may be in two parts, since it was evaluated again or two processes have packed at once. Then the
+rows of the newest software count, and among these those of the first part by name. Every reader
 chooses the same, so that nobody needs to lock anything.
 """
 
@@ -32,6 +33,8 @@ FEW = 100
 once for each power of this number that the archive grows by."""
 UNFINISHED = timedelta(days=1)
 """After this time a part without its ``runs`` is not being written any more."""
+KEPT = timedelta(minutes=15)
+"""A part that was replaced stays for this time, so that who has begun to read can end."""
 _MEMORY = "256MB"
 """That packing may use; what is more is sorted on the disk."""
 _SORTED = {
@@ -41,6 +44,8 @@ _SORTED = {
 }
 _NEWEST = r"regexp_extract_all(software_version, '\d+')::bigint[]"
 _DIGITS = 16
+_REPLACED = "replaced"
+"""Folder of the lists of what parts replace: one text for each part that was packed."""
 
 
 def part_of_bag(sha256: str) -> str:
@@ -78,7 +83,9 @@ class Catalogue:
             ``columns``, with the names of machines and the times that the owner states in place of
             those of the bags. ``machine_stated`` is the name in the bag; ``time`` is when the run
             began, empty where that is not known or in the future.
-        parts: names.
+        parts: names of those that count.
+        replaced: part → parts that it replaces and that are still there.
+        twice: a bag is in more than one part.
         stated: by the owner.
 
     Raises:
@@ -91,8 +98,15 @@ class Catalogue:
         self.stated: Stated = stated_in(place)
         files = place.names(f"{FOLDER}/{VERSION}")
         self._files = {table: _parts(files, table) for table in TABLES}
-        self.parts = self._files["runs"]
-        if not self.parts:
+        self._lists = [name for name in files if name.split("/")[2] == _REPLACED]
+        there = set(self._files["runs"])
+        self.replaced = {
+            pack: place.read(name).decode().split()
+            for name in self._lists
+            if (pack := name.rpartition("/")[2]) in there
+        }
+        self.parts = sorted(there.difference(*self.replaced.values()))
+        if not there:
             _refuse_what_is_no_archive(place)
         self.connection = duckdb.connect()
         self.connection.execute(f"set memory_limit = '{_MEMORY}'")
@@ -127,19 +141,19 @@ class Catalogue:
 
     def incomplete_parts(self) -> list[str]:
         """Return the parts that lack one of their files; there are none unless one was removed."""
-        whole = set.intersection(*(set(self._files[table]) for table in TABLES))
+        whole = set.intersection(*map(set, self._files.values()))
         return [part for part in self.parts if part not in whole]
 
     def unfinished(self) -> list[str]:
         """Return the files of parts that were never finished, or are being written now."""
-        there = set(self.parts)
-        tables = [table for table in TABLES if table != "runs"]
-        return [_name(table, one) for table in tables for one in self._files[table] if
-                one not in there]  # fmt: skip
+        there = set(self._files["runs"])
+        names = [_name(table, one) for table in TABLES for one in {*self._files[table]} - there]
+        return [*names, *(name for name in self._lists if name.rpartition("/")[2] not in there)]
 
     def _read(self, table: str, parts: Iterable[str] | None = None) -> str:
         """Return what reads a table in SQL, from parts or from all."""
-        chosen = self.parts if parts is None else parts
+        there = set(self._files[table])
+        chosen = [part for part in (self.parts if parts is None else parts) if part in there]
         names = [_text(self.place.address(_name(table, part))) for part in chosen]
         if not names:
             self.connection.register(f"no_{table}", schema(table).empty_table())
@@ -211,7 +225,7 @@ class Catalogue:
         yield from (parts for parts in sizes.values() if len(parts) >= FEW)
 
     def pack(self, parts: Sequence[str]) -> str:
-        """Write one part with the rows of some, then remove these; return its name.
+        """Write one part with the rows of some, which it replaces; return its name.
 
         A row is left out only where a row of the same bag among these parts counts in its place.
         Whatever others do meanwhile, one row of each bag stays.
@@ -233,11 +247,9 @@ class Catalogue:
                 )
                 target = _text(str(_file(folder, table)))
                 self.ask(f"copy ({query}) to {target} (format parquet, compression zstd)")
+            (Path(folder) / _REPLACED).write_text("\n".join(one for one in parts if one != part))
+            self.place.put(Path(folder) / _REPLACED, _list(part))
             _put(self.place, part, Path(folder))
-        for table in TABLES:
-            for one in parts:
-                if one != part:
-                    self.place.remove(_name(table, one))
         return part
 
 
@@ -255,11 +267,24 @@ def tidy(place: Place) -> None:
             except Refusal:
                 if all(place.exists(_name("runs", part)) for part in parts):
                     raise
-                return  # Another process has packed them.
-        before = datetime.now(timezone.utc) - UNFINISHED
+                return  # Another process has packed and removed them.
         for name in (*catalogue.unfinished(), *place.leftovers()):
-            if place.written(name) < before:
+            if _since(place, name) > UNFINISHED:
                 place.remove(name)
+        for pack, parts in catalogue.replaced.items():
+            if _since(place, _name("runs", pack)) > KEPT:
+                for table in TABLES:
+                    for part in parts:
+                        place.remove(_name(table, part))
+                place.remove(_list(pack))
+
+
+def _since(place: Place, name: str) -> timedelta:
+    """Return how long ago a file was written; no time at all if it is gone."""
+    try:
+        return datetime.now(timezone.utc) - place.written(name)
+    except FileNotFoundError:
+        return timedelta()
 
 
 def _counting(source: str) -> str:
@@ -292,9 +317,7 @@ def _refuse_what_is_no_archive(place: Place) -> None:
 def _refusal(error: Exception) -> Refusal:
     words = (str(error).splitlines() or [""])[0]
     if isinstance(error, duckdb.IOException):
-        words += (
-            "; if another process packs the catalogue, ask again; else 'stepdiag archive verify'"
-        )
+        words += "; see 'stepdiag archive verify'"
     return Refusal(f"the catalogue cannot answer: {words}", fault="failed")
 
 
@@ -314,6 +337,10 @@ def _parts(files: Iterable[str], table: str) -> list[str]:
 
 def _name(table: str, part: str) -> str:
     return f"{FOLDER}/{VERSION}/{table}/{part}.parquet"
+
+
+def _list(part: str) -> str:
+    return f"{FOLDER}/{VERSION}/{_REPLACED}/{part}"
 
 
 def _file(folder: str | os.PathLike[str], table: str) -> Path:

@@ -211,8 +211,8 @@ def _show(arguments: Namespace) -> int:
         (run,) = runs
         figures = catalogue.ask(
             "select * from figures where bag_sha256 = ? and run_id is not distinct from ?"
-            " and relied_on order by list_position(['volume', 'single', 'effect'], kind) nulls last,"
-            " kind, name",
+            " and relied_on order by list_position(['volume', 'single', 'effect'], kind)"
+            " nulls last, kind, name",
             [run["bag_sha256"], run["run_id"]],
         )
     for name, value in run.items():
