@@ -134,10 +134,10 @@ class Catalogue:
         except duckdb.Error as error:
             raise _refusal(error) from None
 
-    def evaluated(self, version: str = __version__) -> set[str]:
-        """Return the SHA-256 of the bags that a version of the software has evaluated."""
+    def evaluated(self) -> set[str]:
+        """Return the SHA-256 of the bags that this version of the software has evaluated."""
         query = "select distinct bag_sha256 from runs where software_version = ?"
-        return {row["bag_sha256"] for row in self.ask(query, [version])}
+        return {row["bag_sha256"] for row in self.ask(query, [__version__])}
 
     def incomplete_parts(self) -> list[str]:
         """Return the parts that lack one of their files; there are none unless one was removed."""

@@ -175,7 +175,8 @@ def test_verify_sees_a_part_that_lacks_a_file_and_a_run_that_lacks_rows(folder, 
 def in_process(place, bags, kept=AT_ONCE):
     """Return a process that has begun to add bags; it has imported everything already."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["stepdiag_ros.archive.work"])
+    # Where pandas is installed, pyarrow imports it with the first table that it makes.
+    context.set_forkserver_preload(["stepdiag_ros.archive.work", "pandas"])
     begun = context.Event()
     process = context.Process(target=add_made_up, args=(place.url, bags, kept, begun))
     process.start()
@@ -207,7 +208,7 @@ def test_the_catalogue_is_whole_whenever_a_process_is_killed(folder, bags, tmp_p
     longest = time.monotonic() - started
     known = 6
     for moment in range(moments):
-        further = [tmp_path / f"{moment} {number}.mcap" for number in range(4)]
+        further = [tmp_path / f"{moment} {number}.mcap" for number in range(6)]
         for path in further:
             path.write_bytes(path.name.encode())
         process = in_process(folder, further)
