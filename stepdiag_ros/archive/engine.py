@@ -120,13 +120,15 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:
                 about=scheduler,
             ) from None
         with client:
-            if not client.nthreads():
+            try:
+                client.wait_for_workers(1, timeout=_PATIENCE)
+            except TimeoutError:
                 raise Refusal(
                     f"the scheduler {scheduler} has no worker: start some with 'dask worker"
                     f" {scheduler}'",
                     fault="not_ready",
                     about=scheduler,
-                )
+                ) from None
             yield client
         return
     quiet = {"distributed.worker.daemon": True, "logging.distributed": "critical"}
