@@ -5,9 +5,10 @@
 growth: bags of some bytes, whose rows are made up, are added by one process; the time of solving,
 which is the same for each bag, is left out, so that what grows would show. Processor time, since
 other work on the computer does not count in it. driver: tasks that do nothing, on two workers.
-queries: rows made by DuckDB. speed: the small run of the tests, evaluated again and again, in turns
-by a loop and by two workers that have imported everything; ratios are of one round. deaths: one of
-two workers is killed ten times. The exit code is 1 if a bar of the table is missed.
+queries: rows made by DuckDB; judged by processor time, in which a computer without other work
+answers. speed: the small run of the tests, evaluated again and again, in turns by a loop and by two
+workers that have imported everything; ratios are of one round. deaths: one of two workers is killed
+ten times. The exit code is 1 if a bar of the table is missed.
 """
 
 import argparse
@@ -23,7 +24,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -104,7 +105,7 @@ def add(number: int) -> None:
 
 def drive(number: int) -> None:
     """Give tasks to two workers; print ms of this process for each and peak memory."""
-    with _two_workers() as client:
+    with _two_workers() as (_, client):
         here = Engine(scheduler=client.scheduler.address)
         list(each(abs, range(-100, 0), here))
         started = time.process_time()
@@ -123,16 +124,15 @@ def queries(rounds: int) -> Iterator[dict[str, Any]]:
         for what, query in (("worst machines now", _WORST), ("one machine's history", _HISTORY)):
             times = []
             for _ in range(rounds):
-                started = time.monotonic()
+                started, used = time.monotonic(), time.process_time()
                 with Catalogue(place) as catalogue:
-                    opened = time.monotonic()
                     rows = catalogue.ask(query)
-                times.append((time.monotonic() - opened, opened - started))
+                times.append((time.monotonic() - started, time.process_time() - used))
             assert len(rows) == (10 if query is _WORST else _RUNS // _MACHINES)
-            took, opening = (statistics.median(column) for column in zip(*times, strict=True))
-            told = f"{took:.2f} s, and {opening:.2f} s to open the catalogue"
+            took, used = (statistics.median(column) for column in zip(*times, strict=True))
+            told = f"{took:.2f} s with opening the catalogue, {used:.2f} s of processor"
             yield {"what": f"{what}, {_RUNS:,} runs", "figure": told, "bar": "< 1 s",
-                   "met": took < 1.0}  # fmt: skip
+                   "met": used < 1.0}  # fmt: skip
 
 
 def _make_runs(place: Place) -> None:
@@ -176,13 +176,13 @@ def _two_workers() -> Iterator[Any]:
         LocalCluster(dashboard_address=None, silence_logs="CRITICAL", **told) as cluster,
         Client(cluster) as client,
     ):
-        yield client
+        yield cluster, client
 
 
 def speed(rounds: int, bags: int = 8) -> Iterator[dict[str, Any]]:
     """Compare a loop with two workers; both write catalogues, which must be equal to the byte."""
     ratios, contents = [], []
-    with tempfile.TemporaryDirectory() as folder, _two_workers() as client:
+    with tempfile.TemporaryDirectory() as folder, _two_workers() as (_, client):
         files = [
             write_bag(Path(folder) / f"{one}.mcap", copy=one, streams=True) for one in range(bags)
         ]
@@ -210,22 +210,21 @@ def speed(rounds: int, bags: int = 8) -> Iterator[dict[str, Any]]:
 def deaths(_: int, kills: int = 10, tasks: int = 200) -> Iterator[dict[str, Any]]:
     """Kill one of two workers again and again while tasks of 0.2 s are done."""
     chance, killed = random.Random(1), []
-    with _two_workers() as client:
+    with _two_workers() as (cluster, client):
         ended = threading.Event()
 
         def kill() -> None:
             while len(killed) < kills and not ended.wait(chance.uniform(0.5, 2.0)):
-                workers = client.run(os.getpid)
-                if len(workers) == 2:
-                    killed.append(chance.choice(list(workers.values())))
+                pids = [nanny.pid for nanny in cluster.workers.values() if nanny.pid]
+                if len(pids) == 2 and not {*pids} & {*killed}:
+                    killed.append(chance.choice(pids))
                     os.kill(killed[-1], signal.SIGKILL)
 
         killer = threading.Thread(target=kill)
         killer.start()
         numbers = iter(range(tasks))
         here = Engine(scheduler=client.scheduler.address)
-        more = (number for number in _until(numbers, lambda: len(killed) >= kills, tasks))
-        done = list(each(work_of_a_while, more, here))
+        done = list(each(work_of_a_while, _until(numbers, killer, tasks), here))
         ended.set()
         killer.join()
     count = Counter(one.item for one in done)
@@ -236,10 +235,10 @@ def deaths(_: int, kills: int = 10, tasks: int = 200) -> Iterator[dict[str, Any]
            "met": whole and len(killed) == kills}  # fmt: skip
 
 
-def _until(numbers: Iterator[int], over: Callable[[], bool], least: int) -> Iterator[int]:
-    """Yield numbers, at least some, until it is over."""
+def _until(numbers: Iterator[int], killer: threading.Thread, least: int) -> Iterator[int]:
+    """Yield numbers, and further ones until the thread has ended."""
     yield from numbers
-    while not over():
+    while killer.is_alive():
         yield least
         least += 1
 

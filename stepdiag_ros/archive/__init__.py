@@ -1,6 +1,6 @@
 """An archive of bags: a folder, or a place in a store, with a catalogue of what the bags show.
 
-The catalogue is Parquet, made of the bags alone, and can be made anew from them at any time. Bags
+The catalogue is Parquet, made of the bags alone, and can be made again from them at any time. Bags
 and parts of the catalogue are named by their content and never change, so that any number of
 computers may add at once.
 """

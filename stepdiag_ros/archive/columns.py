@@ -55,7 +55,9 @@ class Run(Key):
     relative_humidity: Annotated[float | None, means("Mean over all stops, 0 to 1.")]
     method: Annotated[str | None, means("Method of the solver to rely on.")]
     largest_m: Annotated[float | None, means("Longest error vector in the measured box, m.")]
-    largest_expanded_uncertainty_m: Annotated[float | None, means("Of that, U (95 %), m.")]
+    largest_expanded_uncertainty_m: Annotated[
+        float | None, means("Expanded uncertainty U (95 %) of `largest_m`, m.")
+    ]
     verdict: Annotated[str | None, means("Of the diagnosis, such as CONSISTENT or NAMED.")]
     verdict_sentence: Annotated[str | None, means("The verdict in words.")]
     effects: Annotated[Sequence[str], means("Labels of the effects that act, strongest first.")]

@@ -58,7 +58,7 @@ def each(
     Args:
         work: a function of a module that the workers can import; with the same thing it returns the
             same, so that it does not matter if it is done again.
-        items: taken as workers become free. Their ``repr`` tells them apart.
+        items: no two of them equal; taken as workers become free.
         engine: where.
 
     Raises:

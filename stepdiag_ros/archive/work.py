@@ -69,7 +69,7 @@ def bags_below(paths: Iterable[Path]) -> list[Path]:
 def add(place: Place, bags: Sequence[Path], engine: Engine) -> Iterator[Outcome]:
     """Add bags to an archive and evaluate those that are new; yield what becomes of each.
 
-    Whoever is killed meanwhile may add the same bags again: what is there is left as it is.
+    After a kill the same bags may be added again: existing ones are left as they are.
 
     Raises:
         ValueError: the catalogue is damaged, or the scheduler does not answer.
@@ -114,7 +114,7 @@ def update(place: Place, engine: Engine) -> tuple[int, Iterator[Outcome]]:
     return len(missing), _evaluate(place, missing, engine)
 
 
-def verify(place: Place, tell: Callable[[float, str], None]) -> list[str]:
+def verify(place: Place, progress: Callable[[float, str], None]) -> list[str]:
     """Return what is wrong with an archive, a sentence each; nothing if it is whole.
 
     Each bag is read and compared with its name, each part of the catalogue is read, and both are
@@ -122,12 +122,12 @@ def verify(place: Place, tell: Callable[[float, str], None]) -> list[str]:
 
     Args:
         place: of the archive.
-        tell: called with the part that is done (0..1), and what is being looked at.
+        progress: called with the part that is done (0..1), and what is being looked at.
     """
     bags = bags_of(place)
     wrong = []
     for number, (sha256, name) in enumerate(bags.items()):
-        tell(number / len(bags), name.rpartition("/")[2])
+        progress(number / len(bags), name.rpartition("/")[2])
         if _digest(place, name) != sha256:
             wrong.append(f"{name} is not the bag that was added: its content has changed")
     with Catalogue(place) as catalogue:
@@ -157,7 +157,7 @@ def _different(catalogue: Catalogue) -> list[str]:
         query += f" or {table[:-1]}_count <> {counted} t.run_id is not distinct from r.run_id)"
     return [
         f"run {row['run_id']} of {row['file']} has other rows than it was evaluated with: remove"
-        " the catalogue, and make it anew with 'stepdiag archive update'"
+        " the catalogue, and make it again with 'stepdiag archive update'"
         for row in catalogue.ask(query)
     ]
 

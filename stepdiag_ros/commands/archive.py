@@ -34,7 +34,7 @@ def _add_options(parser: ArgumentParser) -> None:
     add = _command(what, "add", "copy bags into an archive and evaluate them", _add)
     add.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="a bag, or a folder of bags")
     update = _command(
-        what, "update", "evaluate what this version has not; make the catalogue anew", _update
+        what, "update", "evaluate what this version has not; make the catalogue again", _update
     )
     for one in (add, update):
         _add_engine(one)
@@ -292,7 +292,7 @@ COMMAND = Command(
     None,
     help="keep thousands of bags with a catalogue of what they show",
     description="An archive is a folder of bags, on this computer or in a store, and a catalogue"
-    " (Parquet) with one row a run, one a figure and one a curve, which can be made anew from the"
+    " (Parquet) with one row a run, one a figure and one a curve, which can be made again from the"
     " bags. Any number of computers may add bags at once.",
     epilog=_EXAMPLES,
 )
