@@ -29,7 +29,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from distributed import Client, LocalCluster
+from distributed import Client
 
 sys.path.append(str(Path(__file__).parents[1] / "test"))
 
@@ -38,7 +38,7 @@ from archive_runs import rows_made_up, work_of_a_while, write_bag
 from stepdiag_ros import __version__
 from stepdiag_ros.archive import work
 from stepdiag_ros.archive.catalogue import Catalogue, write_part
-from stepdiag_ros.archive.engine import Engine, each
+from stepdiag_ros.archive.engine import Engine, each, local_cluster
 from stepdiag_ros.archive.place import Place
 from stepdiag_ros.archive.rows import Rows
 
@@ -171,11 +171,7 @@ def _make_runs(place: Place) -> None:
 
 @contextmanager
 def _two_workers() -> Iterator[Any]:
-    told = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1"}
-    with (
-        LocalCluster(dashboard_address=None, silence_logs="CRITICAL", **told) as cluster,
-        Client(cluster) as client,
-    ):
+    with local_cluster(2) as cluster, Client(cluster) as client:
         yield cluster, client
 
 
@@ -215,8 +211,9 @@ def deaths(_: int, kills: int = 10, tasks: int = 200) -> Iterator[dict[str, Any]
 
         def kill() -> None:
             while len(killed) < kills and not ended.wait(chance.uniform(0.5, 2.0)):
-                pids = [nanny.pid for nanny in cluster.workers.values() if nanny.pid]
-                if len(pids) == 2 and not {*pids} & {*killed}:
+                # Dask does not start a worker again that is killed while it starts.
+                pids = [one.pid for one in cluster.workers.values() if one.status.name == "running"]
+                if len(pids) == 2 == len(cluster.scheduler.workers) and not {*pids} & {*killed}:
                     killed.append(chance.choice(pids))
                     os.kill(killed[-1], signal.SIGKILL)
 

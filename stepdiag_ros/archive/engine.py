@@ -107,8 +107,7 @@ def _by_dask(
 @contextmanager
 def _client(scheduler: str, workers: int) -> Iterator[Any]:
     """Give a client of a cluster: of one that is there, or of processes that end with the block."""
-    import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     if scheduler:
         try:
@@ -131,16 +130,18 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:
                 ) from None
             yield client
         return
-    quiet = {"distributed.worker.daemon": True, "logging.distributed": "critical"}
-    with (
-        dask.config.set(quiet),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address=None,
-            silence_logs="CRITICAL",
-        ) as cluster,
-        Client(cluster) as client,
-    ):
+    with local_cluster(workers) as cluster, Client(cluster) as client:
         yield client
+
+
+def local_cluster(workers: int) -> Any:
+    """Return a cluster of processes of this computer, which listen on loopback; a context."""
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        silence_logs="CRITICAL",
+    )

@@ -2,11 +2,10 @@
 
 import pytest
 from archive_runs import kill_own_worker_once, work_of_a_while, write_bag
-from distributed import LocalCluster
 from refused import refused
 
 from stepdiag_ros.archive import engine, work
-from stepdiag_ros.archive.engine import Engine, each
+from stepdiag_ros.archive.engine import Engine, each, local_cluster
 from stepdiag_ros.archive.place import Place
 from stepdiag_ros.metrology.refusal import Refusal
 
@@ -14,8 +13,7 @@ from stepdiag_ros.metrology.refusal import Refusal
 @pytest.fixture(scope="module")
 def cluster():
     """Return the address of a scheduler with two workers."""
-    told = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1"}
-    with LocalCluster(dashboard_address=None, silence_logs="CRITICAL", **told) as made:
+    with local_cluster(2) as made:
         yield Engine(scheduler=made.scheduler_address)
 
 
@@ -56,7 +54,7 @@ def test_a_scheduler_that_is_not_there_or_has_no_workers_is_named(monkeypatch):
     address = "tcp://127.0.0.1:9"
     with refused(Refusal, "lost", about=address):
         list(each(abs, [1], Engine(scheduler=address)))
-    with LocalCluster(n_workers=0, processes=False, dashboard_address=None) as empty:
+    with local_cluster(0) as empty:
         address = empty.scheduler_address
         with refused(Refusal, "not_ready", about=address):
             list(each(abs, [1], Engine(scheduler=address)))
