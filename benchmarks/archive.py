@@ -12,6 +12,7 @@ ten times. The exit code is 1 if a bar of the table is missed.
 """
 
 import argparse
+import itertools
 import json
 import os
 import random
@@ -21,7 +22,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -105,7 +105,7 @@ def add(number: int) -> None:
 
 def drive(number: int) -> None:
     """Give tasks to two workers; print ms of this process for each and peak memory."""
-    with _two_workers() as (_, client):
+    with _two_workers() as client:
         here = Engine(scheduler=client.scheduler.address)
         list(each(abs, range(-100, 0), here))
         started = time.process_time()
@@ -172,7 +172,7 @@ def _make_runs(place: Place) -> None:
 @contextmanager
 def _two_workers() -> Iterator[Any]:
     with local_cluster(2) as cluster, Client(cluster) as client:
-        yield cluster, client
+        yield client
 
 
 def speed(rounds: int, bags: int = 8) -> Iterator[dict[str, Any]]:
@@ -182,7 +182,7 @@ def speed(rounds: int, bags: int = 8) -> Iterator[dict[str, Any]]:
     def used() -> float:
         return time.process_time() + sum(client.run(time.process_time).values())
 
-    with tempfile.TemporaryDirectory() as folder, _two_workers() as (_, client):
+    with tempfile.TemporaryDirectory() as folder, _two_workers() as client:
         files = [
             write_bag(Path(folder) / f"{one}.mcap", copy=one, streams=True) for one in range(bags)
         ]
@@ -211,41 +211,26 @@ def speed(rounds: int, bags: int = 8) -> Iterator[dict[str, Any]]:
     yield {"what": what, "figure": told, "bar": bar, "met": met}
 
 
-def deaths(_: int, kills: int = 10, tasks: int = 200) -> Iterator[dict[str, Any]]:
-    """Kill one of two workers again and again while tasks of 0.2 s are done."""
-    chance, killed = random.Random(1), []
-    with _two_workers() as (cluster, client):
-        ended = threading.Event()
-
-        def kill() -> None:
-            while len(killed) < kills and not ended.wait(chance.uniform(0.5, 2.0)):
-                # Dask does not start a worker again that is killed while it starts.
-                pids = [one.pid for one in cluster.workers.values() if one.status.name == "running"]
-                if len(pids) == 2 == len(cluster.scheduler.workers) and not {*pids} & {*killed}:
-                    killed.append(chance.choice(pids))
-                    os.kill(killed[-1], signal.SIGKILL)
-
-        killer = threading.Thread(target=kill)
-        killer.start()
-        numbers = iter(range(tasks))
-        here = Engine(scheduler=client.scheduler.address)
-        done = list(each(work_of_a_while, _until(numbers, killer, tasks), here))
-        ended.set()
-        killer.join()
+def deaths(_: int, kills: int = 10) -> Iterator[dict[str, Any]]:
+    """Kill one of two workers as soon as both have done something since the last was killed."""
+    chance, killed, done = random.Random(1), [], []
+    working: set[int] = set()
+    with _two_workers() as client:
+        more = itertools.takewhile(lambda _: len(killed) < kills, itertools.count())
+        for one in each(work_of_a_while, more, Engine(scheduler=client.scheduler.address)):
+            done.append(one)
+            if one.value and one.value[1] not in killed:
+                working.add(one.value[1])
+            if len(working) == 2 and len(killed) < kills:
+                killed.append(chance.choice(sorted(working)))
+                os.kill(killed[-1], signal.SIGKILL)
+                working.clear()
     count = Counter(one.item for one in done)
     wrong = [one for one in done if one.failure and one.item % 10 != 7]
     whole = sorted(count) == list(range(len(count))) and set(count.values()) == {1} and not wrong
     told = f"{len(killed)} killed in {len(count)} tasks; each done once: {whole}"
     yield {"what": "1 of 2 workers killed", "figure": told, "bar": "nothing lost, nothing twice",
            "met": whole and len(killed) == kills}  # fmt: skip
-
-
-def _until(numbers: Iterator[int], killer: threading.Thread, least: int) -> Iterator[int]:
-    """Yield numbers, and further ones until the thread has ended."""
-    yield from numbers
-    while killer.is_alive():
-        yield least
-        least += 1
 
 
 PARTS = {one.__name__: one for one in (growth, driver, queries, speed, deaths)}

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from stepdiag_ros import __version__
-from stepdiag_ros.archive.catalogue import FOLDER, Catalogue, part_of_bag, tidy, write_part
+from stepdiag_ros.archive.catalogue import FEW, FOLDER, Catalogue, part_of_bag, tidy, write_part
 from stepdiag_ros.archive.columns import TABLES
 from stepdiag_ros.archive.engine import Engine, each
 from stepdiag_ros.archive.place import Place
@@ -201,9 +201,11 @@ def _evaluated(place: Place) -> set[str]:
 
 def _evaluate(place: Place, names: Iterable[str], engine: Engine) -> Iterator[Outcome]:
     work = partial(evaluate_bag, place.url, __version__)
-    for done in each(work, names, engine):
+    for number, done in enumerate(each(work, names, engine), 1):
         file = done.item.rpartition("/")[2]
         yield Outcome(file, done.failure or done.value or "", evaluated=not done.failure)
+        if number % FEW == 0:  # not only at the end, so that nothing grows with the number of bags
+            tidy(place)
     if place.names(FOLDER):
         tidy(place)
 
