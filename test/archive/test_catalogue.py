@@ -31,6 +31,8 @@ def test_what_is_written_is_read_from_every_kind_of_place(place):
     figures, curves = rows(place, "figures"), rows(place, "curves")
     assert [row["name"] for row in figures] == [*FIGURES] * 3
     assert [row["value"] for row in curves] == [[0.0, None]] * 3
+    ago = [datetime.now(timezone.utc) - place.written(name) for name in place.names("catalogue")]
+    assert len(ago) == 9 and all(abs(one) < timedelta(minutes=10) for one in ago)
 
 
 def test_pandas_and_polars_read_the_files(folder, tmp_path):
