@@ -27,6 +27,7 @@ SHARED = [
 ]
 
 MANIFEST = ElementTree.parse("package.xml")
+ARCHIVE = ["distributed>=2024.8", "duckdb>=1.3,<3", "fsspec>=2024.6", "pyarrow>=15"]
 DOCS = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8.1,<10"]
 
 setup(
@@ -89,31 +90,39 @@ setup(
     ],
     extras_require={
         "test": [
+            *ARCHIVE,
             *DOCS,
             "asyncua>=1.1.5,<3",
             "catkin_pkg>=1,<2",
             "dccXMLJSONConv>=2.3.4,<3",
             "dsiUnits>=3.1,<4",
+            "flask>=3,<4",
+            "flask-cors>=5,<7",
             "foxglove-sdk>=0.30,<0.31",
             "hypothesis>=6,<7",
             "ipykernel>=6,<8",
             "jsonschema-rs>=0.61,<1",
             "lxml>=5,<7",
             "mcap-ros2-support>=0.5.5,<1",
+            "moto[s3]>=5,<6",
             "mpmath>=1.3,<2",
             "mypy>=1.11,<3",
             "nbclient>=0.10,<1",
             "nbformat>=5,<6",
+            "pandas>=2,<4",
             "playwright>=1.40,<2",
+            "polars>=1,<2",
             "py_trees>=2.3,<3",
             "pytest>=8,<10",
             "pytest-timeout>=2.3,<3",
             "pytest-xdist>=3.5,<4",
             "ruff>=0.6,<1",
+            "s3fs>=2024.6",
             "setuptools>=68",
             "types-PyYAML",
             "types-pyserial",
         ],
+        "archive": ARCHIVE,
         "docs": DOCS,
         "foxglove": ["foxglove-sdk>=0.30,<0.31"],
         "opcua": ["asyncua>=1.1.5,<3"],

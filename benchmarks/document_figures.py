@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from stepdiag_ros.archive.columns import TABLES, described
 from stepdiag_ros.bags.table import read_table
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.evaluation.diagnosis import DiagnosisReport, build_diagnosis
@@ -173,7 +174,21 @@ def solvers_table() -> str:
     return block(rows)
 
 
+def archive_columns() -> str:
+    """Return the columns of each table of an archive's catalogue."""
+    rows: list[str] = []
+    for table, kind in TABLES.items():
+        rows += [f"### {table}", "", (kind.__doc__ or "").strip(), ""]
+        rows += ["| column | type | meaning |", "|---|---|---|"]
+        rows += [
+            f"| `{name}` | {what} | {text} |" for name, (what, text) in described(table).items()
+        ]
+        rows += [""]
+    return block(rows)
+
+
 FIGURES = {
+    "archive columns": Figure("docs/archive.md", marked("archive columns"), archive_columns),
     "catalogue": Figure("docs/effects.md", marked("catalogue"), catalogue_table),
     "solvers": Figure("docs/methods.md", marked("solvers"), solvers_table),
     "named effects": Figure("docs/diagnose.md", marked("named effects"), named_effects),

@@ -95,13 +95,18 @@ def verdict_on(measurement: Measurement) -> Verdict:
     Args:
         measurement: the lines.
     """
+    return verdict_and_effects(measurement)[0]
+
+
+def verdict_and_effects(measurement: Measurement) -> tuple[Verdict, tuple[FoundEffect, ...]]:
+    """Return the verdict of ``verdict_on``, and with their sizes the effects that it names."""
     try:
         found = diagnose_reproducibly(measurement, Reference(MachineModel(), "", catalogue()))
     except TooLarge as error:
-        return Verdict(sentence=f"The run was not diagnosed: {error}.")
+        return Verdict(sentence=f"The run was not diagnosed: {error}."), ()
     except ValueError as error:
-        return Verdict(sentence=f"The run cannot be compared with its model: {error}")
-    return Verdict.of(found)
+        return Verdict(sentence=f"The run cannot be compared with its model: {error}"), ()
+    return Verdict.of(found), tuple(_found(one) for one in found.findings)
 
 
 def diagnose_lines(

@@ -154,6 +154,7 @@ FLOORS = (
     "bags",
     "compensation",
     "evaluation",
+    "archive",
     "selftest",
     "notebook",
     "words",

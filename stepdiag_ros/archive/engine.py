@@ -1,0 +1,147 @@
+"""The same work on many things, by Dask: in processes on this computer, or on a cluster."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain, islice
+from typing import Any, Generic, TypeVar
+
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.sentence import sentence
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+_AHEAD = 4
+"""Tasks that each thread of a worker is given in advance. Only these are held at a time."""
+_PATIENCE = 30
+"""s to wait for a scheduler, and for its first worker."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Where work is done.
+
+    Attributes:
+        workers: processes on this computer; 0: as many as it has processors.
+        scheduler: address of the scheduler of a cluster that is there; empty: this computer.
+    """
+
+    workers: int = 0
+    scheduler: str = ""
+
+
+@dataclass(frozen=True)
+class Done(Generic[Item, Value]):
+    """What has become of one thing.
+
+    Attributes:
+        item: the thing.
+        value: what the work has returned; None if it has failed.
+        failure: why it has failed, in a sentence; empty if it has not.
+    """
+
+    item: Item
+    value: Value | None = None
+    failure: str = ""
+
+
+def each(
+    work: Callable[[Item], Value], items: Iterable[Item], engine: Engine
+) -> Iterator[Done[Item, Value]]:
+    """Do the same work on each thing, one task each, and yield what is done as it is done.
+
+    One thing alone, or with one worker all of them, are done in this process, in their order. A
+    task whose worker dies is done by another one (Dask). Work on one thing that fails does not
+    disturb the others.
+
+    Args:
+        work: a function of a module that the workers can import; with the same thing it returns the
+            same, so that it does not matter if it is done again.
+        items: no two of them equal; taken as workers become free.
+        engine: where.
+
+    Raises:
+        ValueError: the scheduler cannot be reached, or has no worker.
+    """
+    rest = iter(items)
+    first = list(islice(rest, 2))
+    workers = engine.workers or len(os.sched_getaffinity(0))
+    if not engine.scheduler and (workers == 1 or len(first) < 2):
+        for item in chain(first, rest):
+            try:
+                yield Done(item, work(item))
+            except Exception as error:
+                yield Done(item, failure=sentence(error))
+        return
+    with _client(engine.scheduler, workers) as client:
+        yield from _by_dask(work, chain(first, rest), client)
+
+
+def _by_dask(
+    work: Callable[[Item], Value], items: Iterator[Item], client: Any
+) -> Iterator[Done[Item, Value]]:
+    from distributed import as_completed
+
+    ahead = _AHEAD * max(1, sum(client.nthreads().values()))
+    given: dict[str, Item] = {}
+
+    def futures(number: int) -> Iterator[Any]:
+        for item in islice(items, number):
+            future = client.submit(work, item)
+            given[future.key] = item
+            yield future
+
+    running = as_completed(futures(ahead))
+    for future in running:
+        item = given.pop(future.key)
+        if future.status == "finished":
+            done = Done(item, future.result())
+        else:
+            done = Done(item, failure=sentence(future.exception()))
+        del future
+        yield done
+        running.update(futures(1))
+
+
+@contextmanager
+def _client(scheduler: str, workers: int) -> Iterator[Any]:
+    """Give a client of a cluster: of one that is there, or of processes that end with the block."""
+    from distributed import Client
+
+    if scheduler:
+        try:
+            client = Client(scheduler, timeout=_PATIENCE)
+        except (OSError, ValueError) as error:
+            raise Refusal(
+                f"the scheduler {scheduler} does not answer: {sentence(error)}",
+                fault="lost",
+                about=scheduler,
+            ) from None
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=_PATIENCE)
+            except TimeoutError:
+                raise Refusal(
+                    f"the scheduler {scheduler} has no worker: start some with 'dask worker"
+                    f" {scheduler}'",
+                    fault="not_ready",
+                    about=scheduler,
+                ) from None
+            yield client
+        return
+    with local_cluster(workers) as cluster, Client(cluster) as client:
+        yield client
+
+
+def local_cluster(workers: int) -> Any:
+    """Return a cluster of processes of this computer, which listen on loopback; a context."""
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        silence_logs="CRITICAL",
+    )

@@ -1,0 +1,76 @@
+"""What the owner of an archive states of its runs: ``archive.yaml``, beside the bags."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
+
+from stepdiag_ros.archive.place import Place
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.text.intake import parse_yaml
+
+FILE = "archive.yaml"
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What bags do not know, or know wrongly.
+
+    Attributes:
+        machines: name or serial number that bags state → name under which the machine is listed.
+        times: identity of a run, or SHA-256 of its bag → when it really began.
+    """
+
+    machines: Mapping[str, str] = field(default_factory=dict)
+    times: Mapping[str, datetime] = field(default_factory=dict)
+
+
+def stated_in(place: Place) -> Stated:
+    """Return what the file of an archive states; nothing where there is no file.
+
+    Raises:
+        ValueError: the file cannot be read, or an entry is not what it must be; names it.
+    """
+    where = f"{place.url}/{FILE}"
+    if not place.exists(FILE):
+        return Stated()
+    try:
+        told = parse_yaml(place.read(FILE).decode(), where)
+    except UnicodeDecodeError as error:
+        raise Refusal(f"{where} is not a text: {error}", fault="malformed", where=where) from None
+    known = Stated.__dataclass_fields__
+    if not isinstance(told, dict) or not {*told} <= {*known}:
+        raise Refusal(f"{where}: give {' and '.join(known)}, each a table", fault="unknown")
+    machines, times = (_table(told.get(name) or {}, name, where) for name in known)
+    for old, new in machines.items():
+        if not isinstance(new, str) or not new or new in machines:
+            raise Refusal(
+                f"{where}: machines: '{old}' must have a name that is not renamed itself, not"
+                f" '{new}'",
+                fault="malformed",
+                about=old,
+                where=where,
+            )
+    return Stated(machines, {run: _time(run, time, where) for run, time in times.items()})
+
+
+def _table(told: Any, name: str, where: str) -> dict[str, Any]:
+    if not isinstance(told, dict):
+        raise Refusal(f"{where}: {name} is not a table", fault="malformed", about=name, where=where)
+    return {str(key): value for key, value in told.items()}
+
+
+def _time(run: str, told: Any, where: str) -> datetime:
+    try:
+        time = told if isinstance(told, datetime) else datetime.fromisoformat(str(told))
+    except ValueError:
+        time = None
+    if time is None or time.tzinfo is None:
+        raise Refusal(
+            f"{where}: times: '{run}' needs a date and a time with its zone, such as"
+            f" 2026-03-01T10:00:00+00:00, not '{told}'",
+            fault="malformed",
+            about=run,
+            where=where,
+        )
+    return time
