@@ -25,6 +25,8 @@ _UNEVEN = 0.4
 """Part of the period of the readings by which a time stamp may differ from its place."""
 _MOST_JUMP = 5.0
 """Standard uncertainties by which the delay of one move may differ from that of the others."""
+_FARTHEST = 0.1
+"""Part of a move by which its displacement may be off: no misalignment does that."""
 MOST_JITTER = 0.5e-3
 """s: with more, readings and positions are not of the same clock."""
 
@@ -122,6 +124,12 @@ def _disagreement(record: PassRecord, solution: Solution) -> Finding | None:
         text = (
             f"the readings scatter by {solution.rest_noise * 1e6:.3g} µm in the corners, above the"
             f" limit of {record.noise_limit * 1e6:g} µm"
+        )
+        return Finding(PassFault.NOT_JOINED, text)
+    if solution.step > _FARTHEST:
+        text = (
+            f"the displacement of a move is off by {100.0 * solution.step:.2g} % of its way: the"
+            " beam is not along the line, or counts are lost"
         )
         return Finding(PassFault.NOT_JOINED, text)
     if solution.jitter > MOST_JITTER:

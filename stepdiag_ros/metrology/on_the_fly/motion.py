@@ -10,6 +10,8 @@ from stepdiag_ros.metrology.plan import moved_axes
 
 FEWEST_POSITIONS = 8
 """In a move, without which nothing can be said about it."""
+LONGEST_PERIOD = 0.011
+"""s from one position to the next; with more, the way between two is not known well enough."""
 GAP = 2.5
 """Periods of the positions without one that are a gap."""
 FEED_TOLERANCE = 0.05
@@ -62,13 +64,16 @@ def motion_of(record: PassRecord) -> Motion | Finding:
     moves = record.moves
     at: Vector = (record.position_times - record.position_times[:1]) * np.float64(1e-9)
     if len(at) < FEWEST_POSITIONS * moves:
-        return _seldom(len(at), moves)
+        return _seldom(f"{len(at)} in {moves} moves")
     if np.any(np.diff(at) <= 0.0):
         return Finding(
             PassFault.CLOCK_STEP,
             "the clock of the controller stepped back: the time stamps of the positions do not"
             " rise; measure the line again",
         )
+    period = float(np.median(np.diff(at)))
+    if period > LONGEST_PERIOD:
+        return _seldom(f"every {period * 1e3:.3g} ms")
     steps = np.diff(record.targets, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, np.newaxis]
@@ -80,14 +85,13 @@ def motion_of(record: PassRecord) -> Motion | Finding:
     near = min(record.corner, 0.1 * float(np.min(lengths)))
     onsets = np.array([_last(way <= corner + near, at) for corner in corners[:-1]])
     ends = np.array([_first(way >= corner - near, at) for corner in corners[1:]])
-    period = float(np.median(np.diff(at)))
     reach = max(1, round(_SPEED_SPAN / period))
     speed = _slope(at, way, reach)
     feeds = np.zeros(moves)
     for move in range(moves):
         inside = (at > onsets[move]) & (at < ends[move])
         if np.count_nonzero(inside) < FEWEST_POSITIONS:
-            return _seldom(int(np.count_nonzero(inside)), 1)
+            return _seldom(f"{np.count_nonzero(inside)} in move {move + 1}")
         feeds[move] = np.percentile(speed[inside], 80.0)
     return Motion(
         origin=int(record.position_times[0]),
@@ -191,12 +195,13 @@ def _feed_changes(motion: Motion) -> list[Finding]:
     return [Finding(PassFault.FEED_CHANGED, text, frozenset(found))]
 
 
-def _seldom(found: int, moves: int) -> Finding:
+def _seldom(found: str) -> Finding:
     return Finding(
         PassFault.NO_POSITIONS,
-        f"{found} positions came in {moves} moves: fewer than {FEWEST_POSITIONS} in a move. Without"
-        " positions a move cannot be joined with the readings, and delay, vibration and the errors"
-        " between the nodes stay unknown; the line is measured with stops at its corners instead",
+        f"{PassFault.NO_POSITIONS.value}: {found}; {FEWEST_POSITIONS} are needed in a move, at"
+        f" least every {LONGEST_PERIOD * 1e3:g} ms. Without them delay, vibration and the errors"
+        " between the nodes stay unknown; the line is measured with stops at its corners instead."
+        " Raise 'position_rate' of the bridge",
     )
 
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from math import nan, pi, sqrt
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import PchipInterpolator
 
 from stepdiag_ros.metrology.geometry import Vector, inner
 from stepdiag_ros.metrology.on_the_fly.motion import Motion
@@ -66,8 +66,9 @@ class Intervals:
 class Solution:
     """What the regression found; displacements and covariance of all nodes, m and m².
 
-    Jitter is that of the time stamps, s; noise is that of a reading, m; the jump is that of the
-    move whose own delay differs most: its number, by how much, and with which standard
+    Jitter is that of the time stamps, s; noise is that of a reading, m. The step is the largest
+    difference of the errors of two neighbouring nodes, as a part of the move. The jump is that of
+    the move whose own delay differs most: its number, by how much, and with which standard
     uncertainty, s.
     """
 
@@ -80,6 +81,7 @@ class Solution:
     noise: float
     jitter: float
     rest_noise: float
+    step: float
     curves: tuple[MoveCurve, ...]
     delay_jump: tuple[int, float, float]
 
@@ -139,8 +141,8 @@ class _Fit:
         self._variances = np.array([1.0, 0.0, 0.0])
         self._noise = nan
         self._parts = list(self._cut(intervals))
-        slopes = np.gradient(record.positions, motion.at, axis=0)
-        self._path = CubicHermiteSpline(motion.at, record.positions, slopes, axis=0)
+        # Stands where the axes stand, and does not overshoot where they begin to move.
+        self._path = PchipInterpolator(motion.at, record.positions, axis=0)
 
     def _cut(self, intervals: Intervals) -> Iterator[_Part]:
         record = self._record
@@ -307,6 +309,8 @@ class _Fit:
             AxisDelay(group, self._delays[group], sqrt(float(of_delays[i, i])))
             for i, group in enumerate(self._groups)
         )
+        steps = np.abs(np.diff(estimate[:nodes])) / self._motion.lengths
+        used = [row.move - 1 for row in rows if row.move]
         curves = []
         for row in rows[1:]:
             places = row.places[:4]
@@ -322,6 +326,7 @@ class _Fit:
             jitter=sqrt(float(np.max(self._variances[CONSTANT:]))),
             rest_noise=sqrt(float(self._variances[CORNER])),
             curves=tuple(curves),
+            step=float(np.max(steps[used], initial=0.0)),
             delay_jump=self._jump(rows, left),
         )
 
