@@ -14,7 +14,7 @@ finished line.
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from math import isfinite, nan, sqrt
 
@@ -30,7 +30,7 @@ from stepdiag_ros.metrology.measurement import (
     SettledStop,
     StopCommand,
 )
-from stepdiag_ros.metrology.on_the_fly.flight import Flight, needs_corner_stops
+from stepdiag_ros.metrology.on_the_fly.flight import Flight, FlownLine, needs_corner_stops
 from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
 from stepdiag_ros.metrology.plan_commands import check_command
 from stepdiag_ros.metrology.rising import Rising
@@ -105,9 +105,17 @@ class Assembler:
         buffer: how many readings are kept for an arrival that comes late. Between stops all
             readings since the last arrival are kept, up to this number; a stop whose readings are
             gone is rejected.
+        on_pass: is given every line that was measured on the fly, with its delays and curves.
     """
 
-    def __init__(self, plan: Plan, start: int, buffer: int = 50_000) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        start: int,
+        buffer: int = 50_000,
+        on_pass: Callable[[FlownLine], object] | None = None,
+    ) -> None:
+        self._on_pass = on_pass
         self._plan = plan
         self._start = start
         self._buffer = buffer
@@ -294,7 +302,9 @@ class Assembler:
         origin = np.zeros(3)
         direction = np.array([float(beam.between(origin, axis)) for axis in np.eye(3)])
         readings = [] if line.since <= self._dropped_until else self._readings[part]
-        _, stops = flight.land(line.line, line.targets, direction, readings, stop.window_end)
+        flown, stops = flight.land(line.line, line.targets, direction, readings, stop.window_end)
+        if self._on_pass is not None:
+            self._on_pass(flown)
         for decided in stops:
             self._take(decided, line, events)
         if stops and needs_corner_stops(stops[-1].reason):
@@ -469,6 +479,7 @@ def assemble(
     arrivals: Iterable[Arrival],
     readings: Iterable[Reading],
     positions: Iterable[tuple[int, tuple[float, float, float]]] = (),
+    on_pass: Callable[[FlownLine], object] | None = None,
 ) -> list[Event]:
     """Return the events of a recorded run, the same as those of the live run.
 
@@ -480,12 +491,13 @@ def assemble(
         readings: in order of their time.
         positions: time (ns) and actual position (m) of the axes, in the order in which they came;
             only lines on the fly need them.
+        on_pass: is given every line that was measured on the fly.
 
     Raises:
         ValueError: a command does not belong to the plan, or a command or an arrival contradicts
             one before it.
     """
-    assembler = Assembler(plan, start)
+    assembler = Assembler(plan, start, on_pass=on_pass)
     events: list[Event] = []
     pending_commands, pending_arrivals = deque(commands), deque(arrivals)
     coming, places = iter(readings), iter(positions)

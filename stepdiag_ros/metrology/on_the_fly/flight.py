@@ -1,6 +1,7 @@
 """The lines of a run on the fly: corners and positions on their way to a line's stops."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import nan
 
 import numpy as np
@@ -38,6 +39,23 @@ def needs_corner_stops(reason: str) -> bool:
         reason: of the rejection, as a ``SettledStop`` has it.
     """
     return reason.startswith(PassFault.NO_POSITIONS.value)
+
+
+@dataclass(frozen=True)
+class FlownLine:
+    """An attempt at a line on the fly.
+
+    Attributes:
+        line: that was measured.
+        attempt: from 1.
+        seconds: from the first stop to the end of the last window.
+        found: what the pass says.
+    """
+
+    line: Line
+    attempt: int
+    seconds: float
+    found: MovingPass
 
 
 class Flight:
@@ -80,7 +98,7 @@ class Flight:
         direction: Vector,
         readings: Sequence[Reading],
         end: int,
-    ) -> tuple[MovingPass, list[SettledStop]]:
+    ) -> tuple[FlownLine, list[SettledStop]]:
         """Return what the pass says, and the stops of the line that ends with the last corner.
 
         Args:
@@ -104,8 +122,9 @@ class Flight:
         stops = [
             _stop(command, arrival, line, found, readings) for command, arrival in self._corners
         ]
+        command, arrival = self._corners[0]
         self._corners.clear()
-        return found, stops
+        return FlownLine(line, command.attempt, (end - arrival.time) * 1e-9, found), stops
 
     def _record(
         self, targets: Vector, direction: Vector, readings: Sequence[Reading], end: int

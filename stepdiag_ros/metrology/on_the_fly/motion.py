@@ -16,6 +16,8 @@ GAP = 2.5
 """Periods of the positions without one that are a gap."""
 FEED_TOLERANCE = 0.05
 """Part of the feed by which it may vary within a move, and from move to move."""
+_MOVED = 1e-7
+"""m: an axis that has gone farther has begun its move; its own delay counts from there."""
 _SPEED_SPAN = 0.005
 """s, either way, over which a speed is taken."""
 
@@ -83,7 +85,7 @@ def motion_of(record: PassRecord) -> Motion | Finding:
     for unit, begin, length in zip(units, begins.tolist(), lengths.tolist(), strict=True):
         way += np.clip(inner(record.positions, unit) - begin, 0.0, length)
     near = min(record.corner, 0.1 * float(np.min(lengths)))
-    onsets = np.array([_last(way <= corner + near, at) for corner in corners[:-1]])
+    onsets = np.array([_last(way <= corner + _MOVED, at) for corner in corners[:-1]])
     ends = np.array([_first(way >= corner - near, at) for corner in corners[1:]])
     reach = max(1, round(_SPEED_SPAN / period))
     speed = _slope(at, way, reach)

@@ -5,6 +5,7 @@ from enum import Enum
 from math import isfinite, nan
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector
@@ -110,8 +111,8 @@ class MoveCurve:
 
     Attributes:
         move: from 1.
-        coefficients: m, shape (4,).
-        covariance: m², shape (4, 4).
+        coefficients: m, shape (2 + BENDS,).
+        covariance: m², shape (2 + BENDS, 2 + BENDS).
     """
 
     move: int
@@ -128,14 +129,18 @@ class MoveCurve:
         return basis @ self.coefficients, np.sqrt(np.maximum(variance, 0.0))
 
 
-def shapes(part: Vector) -> Vector:
-    """Return the functions that make up an error between two nodes, shape (..., 4).
+BENDS = 3
+"""Of the error between two nodes."""
 
-    Linear from node to node, and two bends that vanish at both.
+
+def shapes(part: Vector) -> Vector:
+    """Return the functions that make up an error between two nodes, shape (..., 2 + BENDS).
+
+    Linear from node to node, and bends that vanish at both: ξ(1-ξ) times Legendre's polynomials.
     """
     rest = 1.0 - part
-    bend = part * rest
-    return np.stack((rest, part, bend, bend * (rest - part)), axis=-1)
+    bends = (part * rest)[..., np.newaxis] * legvander(rest - part, BENDS - 1)
+    return np.concatenate((rest[..., np.newaxis], part[..., np.newaxis], bends), axis=-1)
 
 
 @dataclass(frozen=True)

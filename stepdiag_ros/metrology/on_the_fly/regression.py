@@ -3,14 +3,14 @@
 With P = p(t - τ) the position at the time of a reading, n the beam, and ξ the part of the present
 move, each reading of the move to node j is
 
-    s(t) - n·(P - q₀) = (1 - ξ) r_(j-1) + ξ r_j + b_j ξ(1-ξ) + c_j ξ(1-ξ)(1-2ξ)
+    s(t) - n·(P - q₀) = (1 - ξ) r_(j-1) + ξ r_j + ξ(1-ξ) Σ_k b_jk L_k(1-2ξ)
                         - (n·v) δτ_a + (n·a) κ_a + A_j cos ωt + B_j sin ωt + noise.
 
-r are the errors of the nodes, b and c bend the curve between them, τ_a is the delay of the axes a
-that move, κ_a how the mirror gives way when they gain or lose speed (a structure that bends, or a
-filter), ω the strongest vibration, whose phase is free in every move. The speed tells τ from the
-errors: it is constant in most of the move, changes in its ramps, and is zero in the corners, where
-each node is read while the axes stand.
+r are the errors of the nodes, b bend the curve between them (L_k: Legendre's polynomials), τ_a is
+the delay of the axes a that move, κ_a how the mirror gives way when they gain or lose speed (a
+structure that bends, or a filter), ω the strongest vibration, whose phase is free in every move.
+The speed tells τ from the errors: it is constant in most of the move, changes in its ramps, and is
+zero in the corners, where each node is read while the axes stand.
 
 The noise is not the same everywhere: jitter of the time stamps counts with the speed. Its variance
 is σ₀² in the corners and σ₀² + (n·v)² σ_t² elsewhere, with a σ_t at constant feed and one in the
@@ -24,10 +24,12 @@ from math import nan, pi, sqrt
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.linalg import cho_factor, cho_solve
 
 from stepdiag_ros.metrology.geometry import Vector, inner
 from stepdiag_ros.metrology.on_the_fly.motion import Motion
 from stepdiag_ros.metrology.on_the_fly.record import (
+    BENDS,
     AxisDelay,
     Finding,
     Instants,
@@ -41,6 +43,8 @@ from stepdiag_ros.metrology.on_the_fly.record import (
 
 CORNER, CONSTANT, RAMP = range(3)
 _TURNS = 5
+_DELAY = 2 + BENDS
+"""Column of the delay among those of a move."""
 _BATCH = 10
 _FEWEST_BATCHES = 8
 """Degrees of freedom without which a class has no variance of its own."""
@@ -50,6 +54,8 @@ _FASTEST_VIBRATION = 450.0
 """Hz."""
 _EXCESS = 8.0
 """Power of a vibration over the usual, in standard deviations of the latter for one move."""
+_RIDGE = 1e-13
+"""Added to the scaled normal equations."""
 _FEWEST_READINGS = 8
 """In a move."""
 
@@ -160,9 +166,9 @@ class _Fit:
 
     @property
     def _unknowns(self) -> int:
-        """Nodes, two bends a move, delay and giving way of each group, two of each vibration."""
+        """Nodes, bends of each move, delay and giving way of each group, two of each vibration."""
         moves = self._record.moves
-        return self._nodes + 2 * moves + 2 * len(self._groups) + 2 * (moves + 1)
+        return self._nodes + BENDS * moves + 2 * len(self._groups) + 2 * (moves + 1)
 
     def _rows(self, part: _Part) -> _Rows:
         move, motion, record = part.move, self._motion, self._record
@@ -173,7 +179,7 @@ class _Fit:
         places = self._path(inside)
         values = part.values - self._zero - inner(places - record.targets[0], record.direction)
         moves, nodes = record.moves, self._nodes
-        first_delay = nodes + 2 * moves
+        first_delay = nodes + BENDS * moves
         first_wave = first_delay + 2 * len(self._groups)
         waves = self._waves(part.times)
         wave_places = [first_wave + 2 * move, first_wave + 2 * move + 1][: waves.shape[1]]
@@ -190,8 +196,9 @@ class _Fit:
         )
         design = np.column_stack((shapes(part_of_move), -along * speed, along * gain, waves))
         at_group = first_delay + 2 * self._groups.index(group)
-        bends = nodes + 2 * index
-        columns = [index, move, bends, bends + 1, at_group, at_group + 1, *wave_places]
+        first_bend = nodes + BENDS * index
+        bends = range(first_bend, first_bend + BENDS)
+        columns = [index, move, *bends, at_group, at_group + 1, *wave_places]
         classes = np.full(len(times), RAMP)
         classes[motion.steady(index, speed)] = CONSTANT
         guard = 2.0 * motion.period
@@ -228,7 +235,7 @@ class _Fit:
         return self._told(rows, left, estimate, inverse)
 
     def _delay_place(self, number: int) -> int:
-        return self._nodes + 2 * self._record.moves + 2 * number
+        return self._nodes + BENDS * self._record.moves + 2 * number
 
     def _least_squares(self, rows: list[_Rows]) -> tuple[Vector, Vector]:
         """Return the unknowns and their covariance; what no reading determines is 0."""
@@ -237,10 +244,15 @@ class _Fit:
             weighted = row.design / self._variance(row)[:, np.newaxis]
             normal[np.ix_(row.places, row.places)] += row.design.T @ weighted
             right[row.places] += weighted.T @ row.values
-        known = np.diagonal(normal) > 0.0
-        scale = np.where(known, 1.0 / np.sqrt(np.where(known, np.diagonal(normal), 1.0)), 0.0)
-        scaled = normal * np.outer(scale, scale)
-        inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) * np.outer(scale, scale)
+        known = np.flatnonzero(np.diagonal(normal) > 0.0)
+        scale = 1.0 / np.sqrt(np.diagonal(normal)[known])
+        scaled = normal[np.ix_(known, known)] * np.outer(scale, scale)
+        # What the readings hardly determine gets a wide uncertainty, not an error.
+        factor = cho_factor(scaled + _RIDGE * np.eye(len(known)))
+        inverse = np.zeros_like(normal)
+        inverse[np.ix_(known, known)] = cho_solve(factor, np.eye(len(known))) * np.outer(
+            scale, scale
+        )
         return inverse @ right, inverse
 
     def _weigh(self, rows: list[_Rows], left: list[Vector], inverse: Vector) -> None:
@@ -313,7 +325,7 @@ class _Fit:
         used = [row.move - 1 for row in rows if row.move]
         curves = []
         for row in rows[1:]:
-            places = row.places[:4]
+            places = row.places[: 2 + BENDS]
             curves.append(MoveCurve(row.move, estimate[places], inverse[np.ix_(places, places)]))
         return Solution(
             nodes=self._zero + nominal + estimate[:nodes],
@@ -347,9 +359,9 @@ class _Fit:
         """Return the move whose own delay differs most from the pass's: number, s, uncertainty."""
         worst = (0, 0.0, 1.0)
         for row, rest in zip(rows[1:], left[1:], strict=True):
-            local = np.delete(row.design, 4, axis=1)
+            local = np.delete(row.design, _DELAY, axis=1)
             weights = 1.0 / np.sqrt(self._variance(row))
-            column = row.design[:, 4] * weights
+            column = row.design[:, _DELAY] * weights
             others = local * weights[:, np.newaxis]
             own = column - others @ np.linalg.lstsq(others, column, rcond=None)[0]
             information = float(own @ own)

@@ -1,6 +1,6 @@
 """A machine that moves through a line without stops, read by a laser, with every error at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
@@ -9,8 +9,9 @@ from cells_for_tests import make_cell
 from stepdiag_ros.metrology.cell import DriveModel
 from stepdiag_ros.metrology.drive import AxisMotion, Trajectory
 from stepdiag_ros.metrology.geometry import beam_direction
+from stepdiag_ros.metrology.on_the_fly.evaluate import evaluate_pass
 from stepdiag_ros.metrology.on_the_fly.record import PassRecord
-from stepdiag_ros.metrology.plan import FORWARD, STEP_DIAGONAL, Line, Volume
+from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, STEP_DIAGONAL, Line, Volume
 from stepdiag_ros.metrology.window import standard_uncertainty_of_mean
 
 START = 1_700_000_000_000_000_000
@@ -138,3 +139,55 @@ class MovingMachine:
             values.append(float(np.mean(read + vibration + noise)))
             uncertainties.append(standard_uncertainty_of_mean(read + vibration + noise))
         return np.array(values), np.array(uncertainties)
+
+
+LINES = (DIAGONAL, replace(DIAGONAL, name="pnp", order="YZX", direction=BACKWARD))
+FAST = Worst(feed=0.1)
+
+
+def differences(values, covariance):
+    """Return what the nodes differ by from the first, and the standard uncertainty of that."""
+    own = np.diagonal(covariance)
+    return values[1:] - values[0], np.sqrt(own[1:] + own[0] - 2.0 * covariance[0, 1:])
+
+
+def judged(machines):
+    """Return node errors, E_n against stops, delay errors and curve errors, as parts of u (E_n)."""
+    nodes, e_n, delays, curves = [], [], [], []
+    for seed in range(machines):
+        worst = (Worst(), FAST)[seed % 2]
+        machine = MovingMachine(seed, LINES[seed // 2 % 2], worst)
+        record = machine.record()
+        found = evaluate_pass(record)
+        if any(found.reasons):
+            raise AssertionError(found.reasons)
+        moved, u = differences(found.displacement, found.covariance)
+        true = machine.true()
+        nodes.extend((moved - (true[1:] - true[0])) / u)
+        nodes.extend(_block_errors(found, true))
+        stops, of_stops = machine.stops()
+        of_stops = np.sqrt(of_stops[1:] ** 2 + of_stops[0] ** 2)
+        e_n.extend((moved - (stops[1:] - stops[0])) / (2.0 * np.sqrt(u**2 + of_stops**2)))
+        for axis in found.delays:
+            lag = worst.encoder_lags["XYZ".index(axis.axis)]
+            delays.append((axis.delay - worst.delay + lag) / axis.standard_uncertainty)
+        curves.extend(_curve_errors(machine, record, found))
+    return tuple(np.abs(values) for values in (nodes, e_n, delays, curves))
+
+
+def _block_errors(found, true):
+    own, neighbours = np.diagonal(found.covariance), np.diagonal(found.covariance, 1)
+    return np.diff(found.displacement - true) / np.sqrt(own[1:] + own[:-1] - 2.0 * neighbours)
+
+
+def _curve_errors(machine, record, found):
+    part = np.linspace(0.1, 0.9, 5)
+    for curve in found.curves:
+        begin, end = machine.targets[curve.move - 1 : curve.move + 1]
+        places = begin + np.outer(part, end - begin)
+        slow = machine.slow(np.array(machine.node_times[curve.move - 1 : curve.move + 1]))
+        true = machine.cell.displacement(places, machine.alignment)
+        true += (1.0 - part) * slow[0] + part * slow[1]
+        true -= record.displacements[0] + (places - machine.targets[0]) @ machine.direction
+        values, u = curve.at(part)
+        yield from (values - true) / u

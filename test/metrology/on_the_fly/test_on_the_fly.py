@@ -4,61 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from moving_machine import DIAGONAL, MovingMachine, Worst
+from moving_machine import FAST, MovingMachine, Worst, differences, judged
 
 from stepdiag_ros.metrology.on_the_fly.evaluate import evaluate_pass
 from stepdiag_ros.metrology.on_the_fly.record import PassFault
-from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR, Line
-
-LINES = (DIAGONAL, replace(DIAGONAL, name="pnp", order="YZX", direction=BACKWARD))
-FAST = Worst(feed=0.1)
-
-
-def _differences(values, covariance):
-    """Return what the nodes differ by from the first, and the standard uncertainty of that."""
-    own = np.diagonal(covariance)
-    return values[1:] - values[0], np.sqrt(own[1:] + own[0] - 2.0 * covariance[0, 1:])
-
-
-def _judged(machines):
-    """Return node errors, E_n against stops, delay errors and curve errors, as parts of u (E_n)."""
-    nodes, e_n, delays, curves = [], [], [], []
-    for seed in range(machines):
-        worst = (Worst(), FAST)[seed % 2]
-        machine = MovingMachine(seed, LINES[seed // 2 % 2], worst)
-        record = machine.record()
-        found = evaluate_pass(record)
-        assert not any(found.reasons)
-        moved, u = _differences(found.displacement, found.covariance)
-        true = machine.true()
-        nodes.extend((moved - (true[1:] - true[0])) / u)
-        nodes.extend(_block_errors(found, true))
-        stops, of_stops = machine.stops()
-        of_stops = np.sqrt(of_stops[1:] ** 2 + of_stops[0] ** 2)
-        e_n.extend((moved - (stops[1:] - stops[0])) / (2.0 * np.sqrt(u**2 + of_stops**2)))
-        for axis in found.delays:
-            lag = worst.encoder_lags["XYZ".index(axis.axis)]
-            delays.append((axis.delay - worst.delay + lag) / axis.standard_uncertainty)
-        curves.extend(_curve_errors(machine, record, found))
-    return tuple(np.abs(values) for values in (nodes, e_n, delays, curves))
-
-
-def _block_errors(found, true):
-    own, neighbours = np.diagonal(found.covariance), np.diagonal(found.covariance, 1)
-    return np.diff(found.displacement - true) / np.sqrt(own[1:] + own[:-1] - 2.0 * neighbours)
-
-
-def _curve_errors(machine, record, found):
-    part = np.linspace(0.1, 0.9, 5)
-    for curve in found.curves:
-        begin, end = machine.targets[curve.move - 1 : curve.move + 1]
-        places = begin + np.outer(part, end - begin)
-        slow = machine.slow(np.array(machine.node_times[curve.move - 1 : curve.move + 1]))
-        true = machine.cell.displacement(places, machine.alignment)
-        true += (1.0 - part) * slow[0] + part * slow[1]
-        true -= record.displacements[0] + (places - machine.targets[0]) @ machine.direction
-        values, u = curve.at(part)
-        yield from (values - true) / u
+from stepdiag_ros.metrology.plan import FORWARD, LINEAR, Line
 
 
 @pytest.mark.parametrize(
@@ -66,7 +16,7 @@ def _curve_errors(machine, record, found):
     [pytest.param(8, 0.88, 0.99, id="few"), pytest.param(100, 0.93, 0.97, id="many")],
 )
 def test_intervals_cover_the_true_values(machines, low, high):
-    nodes, e_n, delays, curves = _judged(machines)
+    nodes, e_n, delays, curves = judged(machines)
     assert low <= np.mean(nodes <= 2.0) <= high
     assert low <= np.mean(curves <= 2.0) <= high
     assert np.mean(e_n <= 1.0) >= 0.95
@@ -92,7 +42,7 @@ def test_no_vibration_is_found_where_there_is_none():
 def test_a_linear_axis_is_measured_on_the_fly():
     machine = MovingMachine(4, Line(LINEAR, "x", "", 0, FORWARD))
     found = evaluate_pass(machine.record())
-    moved, u = _differences(found.displacement, found.covariance)
+    moved, u = differences(found.displacement, found.covariance)
     true = machine.true()
     assert np.max(np.abs(moved - (true[1:] - true[0])) / u) < 4.0
     assert [axis.axis for axis in found.delays] == ["X"]
@@ -109,7 +59,7 @@ def _nothing_is_wrong(machine, found):
     assert [not reason for reason in found.reasons] == has.tolist()
     if has.sum() > 1:
         true = machine.true()[has]
-        moved, u = _differences(found.displacement[has], found.covariance[np.ix_(has, has)])
+        moved, u = differences(found.displacement[has], found.covariance[np.ix_(has, has)])
         assert np.max(np.abs(moved - (true[1:] - true[0])) / u) < 4.5
 
 
