@@ -1,5 +1,7 @@
 """Two lines on the fly on the node graph: delay and vibration present, replayed bit for bit."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from stepdiag_ros.bags.run import load_run
@@ -33,11 +35,11 @@ def test_lines_on_the_fly(make_cell, tmp_path):
         (bag,) = cell.folder.glob("*.mcap")
     run = load_run(bag)
     assert [line.complete for line in run.lines] == [True] * 3
-    truth = simulate(run.plan, load_cell("moving")[0])
+    truth = simulate(run.plan, replace(load_cell("moving")[0], reading_noise=0.0))
     for line, true in zip(run.lines, truth.lines, strict=True):
         error = line.displacement - true.displacement
         # What the air adds is beside the readings; what a delay would add is far more.
-        assert np.max(np.abs(error - error[0])) < 0.15e-6
+        assert np.max(np.abs(error - error[0])) < 60e-9
         assert np.max(line.standard_uncertainty) < 20e-9
     moving = [stop for stop in run.stops if 0 < stop.command.stop < 9]
     times = np.array([stop.in_position_time for stop in run.stops])
