@@ -59,6 +59,8 @@ def evaluate_pass(record: PassRecord) -> MovingPass:
     number = np.searchsorted(onsets, record.reading_times, side="right")
     findings += _reading_faults(record, number)
     bad = {move for finding in findings for move in finding.moves}
+    if len(bad - {0}) == record.moves:
+        return refused(nodes, *findings)
     solution = solve(record, motion, Intervals(number, frozenset(bad)), offset.offset)
     if isinstance(solution, Finding):
         return refused(nodes, *findings, solution)

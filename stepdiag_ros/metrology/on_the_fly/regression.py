@@ -158,7 +158,8 @@ class _Fit:
             first, last = np.searchsorted(intervals.number, (move, move + 1))
             part = slice(int(first), int(last))
             times: Vector = (record.reading_times[part] - self._motion.origin) * np.float64(1e-9)
-            yield _Part(move, times, record.displacements[part])
+            known = self._motion.known(times - self._delays[self._groups[0]])
+            yield _Part(move, times[known], record.displacements[part][known])
 
     @property
     def _nodes(self) -> int:
@@ -282,8 +283,8 @@ class _Fit:
 
     def _strongest(self, rows: list[_Rows], left: list[Vector]) -> float:
         """Return the frequency of the strongest vibration, Hz; NaN if none stands out."""
-        longest = max(len(row.times) for row in rows[1:])
-        period = float(np.median(np.diff(rows[-1].times)))
+        longest = max(len(row.times) for row in rows)
+        period = float(np.median(np.concatenate([np.diff(row.times) for row in rows])))
         size = 1 << int(np.ceil(np.log2(4 * longest)))
         power = np.zeros(size // 2 + 1)
         for row, rest in zip(rows, left, strict=True):
@@ -324,7 +325,7 @@ class _Fit:
         steps = np.abs(np.diff(estimate[:nodes])) / self._motion.lengths
         used = [row.move - 1 for row in rows if row.move]
         curves = []
-        for row in rows[1:]:
+        for row in (row for row in rows if row.move):
             places = row.places[: 2 + BENDS]
             curves.append(MoveCurve(row.move, estimate[places], inverse[np.ix_(places, places)]))
         return Solution(
@@ -358,7 +359,9 @@ class _Fit:
     def _jump(self, rows: list[_Rows], left: list[Vector]) -> tuple[int, float, float]:
         """Return the move whose own delay differs most from the pass's: number, s, uncertainty."""
         worst = (0, 0.0, 1.0)
-        for row, rest in zip(rows[1:], left[1:], strict=True):
+        for row, rest in zip(rows, left, strict=True):
+            if not row.move:
+                continue
             local = np.delete(row.design, _DELAY, axis=1)
             weights = 1.0 / np.sqrt(self._variance(row))
             column = row.design[:, _DELAY] * weights
