@@ -16,10 +16,15 @@ GAP = 2.5
 """Periods of the positions without one that are a gap."""
 FEED_TOLERANCE = 0.05
 """Part of the feed by which it may vary within a move, and from move to move."""
+_MOST_HIDDEN = 0.2
+"""Part of a move that a gap may hide."""
+_FEWEST_IN_CORNER = 2
+"""Positions beside a gap at a corner."""
 _MOVED = 1e-7
 """m: an axis that has gone farther has begun its move; its own delay counts from there."""
+_FEED_SPAN = 0.02
 _SPEED_SPAN = 0.005
-"""s, either way, over which a speed is taken."""
+"""s, either way, over which a speed is taken, to judge the feed and to fit the delay."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,7 @@ class Motion:
         way: of the machine along its path, m, shape (n,).
         speed: along the path, m/s, shape (n,).
         acceleration: along the path, m/s², shape (n,).
+        smooth_speed: the same as ``speed``, over a longer time, m/s, shape (n,).
         lengths: of the moves, m, shape (moves,).
         units: directions of the moves, shape (moves, 3).
         axes: that each move moves.
@@ -47,12 +53,26 @@ class Motion:
     way: Vector
     speed: Vector
     acceleration: Vector
+    smooth_speed: Vector
     lengths: Vector
     units: Vector
     axes: tuple[str, ...]
     onsets: Vector
     ends: Vector
     feeds: Vector
+
+    @property
+    def gaps(self) -> list[tuple[float, float]]:
+        """Return begin and end of each gap in the positions, s."""
+        wide = np.flatnonzero(np.diff(self.at) > GAP * self.period)
+        return [(float(self.at[index]), float(self.at[index + 1])) for index in wide.tolist()]
+
+    def known(self, times: Vector) -> Flags:
+        """Say at which times (s) the position is known, because no gap is there."""
+        known: Flags = np.ones(len(times), dtype=np.bool_)
+        for begin, end in self.gaps:
+            known &= (times < begin) | (times > end)
+        return known
 
     def steady(self, move: int, speed: Vector) -> Flags:
         """Say at which speeds within a move (from 0) its feed is constant."""
@@ -89,12 +109,14 @@ def motion_of(record: PassRecord) -> Motion | Finding:
     ends = np.array([_first(way >= corner - near, at) for corner in corners[1:]])
     reach = max(1, round(_SPEED_SPAN / period))
     speed = _slope(at, way, reach)
+    # Where time stamps scatter, a speed is known over a longer time only.
+    smooth = _slope(at, way, max(1, round(_FEED_SPAN / period)))
     feeds = np.zeros(moves)
     for move in range(moves):
         inside = (at > onsets[move]) & (at < ends[move])
         if np.count_nonzero(inside) < FEWEST_POSITIONS:
             return _seldom(f"{np.count_nonzero(inside)} in move {move + 1}")
-        feeds[move] = np.percentile(speed[inside], 80.0)
+        feeds[move] = np.percentile(smooth[inside], 80.0)
     return Motion(
         origin=int(record.position_times[0]),
         at=at,
@@ -109,6 +131,7 @@ def motion_of(record: PassRecord) -> Motion | Finding:
         ),
         onsets=onsets,
         ends=ends,
+        smooth_speed=smooth,
         feeds=feeds,
     )
 
@@ -123,20 +146,23 @@ def faults_of_motion(record: PassRecord, motion: Motion) -> list[Finding]:
 
 
 def _gaps(motion: Motion) -> list[Finding]:
+    """Find the gaps that hide a corner, or much of a move; in others only the readings are left."""
     found = []
-    wide = np.flatnonzero(np.diff(motion.at) > GAP * motion.period)
-    for index in wide.tolist():
-        begin, end = float(motion.at[index]), float(motion.at[index + 1])
-        moves = {
-            move + 1
-            for move in range(len(motion.onsets))
-            if begin <= _end_of_interval(motion, move) and end >= motion.onsets[move]
-        }
+    for begin, end in motion.gaps:
+        moves = set()
+        for move, (onset, reached) in enumerate(zip(motion.onsets, motion.ends, strict=True)):
+            left = _end_of_interval(motion, move)
+            hidden = min(end, reached) - max(begin, onset)
+            seen = np.count_nonzero((motion.at >= reached) & (motion.at <= left))
+            corner = begin < left and end > reached and seen < _FEWEST_IN_CORNER
+            if hidden > _MOST_HIDDEN * (reached - onset) or corner:
+                moves.add(move + 1)
         text = (
             f"the positions pause for {(end - begin) * 1e3:.3g} ms (their period is"
             f" {motion.period * 1e3:.3g} ms), or their clock stepped"
         )
-        found.append(Finding(PassFault.POSITION_GAP, text, frozenset(moves)))
+        if moves:
+            found.append(Finding(PassFault.POSITION_GAP, text, frozenset(moves)))
     return found
 
 
@@ -149,6 +175,11 @@ def _blended(record: PassRecord, motion: Motion) -> list[Finding]:
     """Find the corners through which the path did not pass, or without a stay."""
     missed: dict[int, float] = {}
     for move in range(record.moves - 1):
+        if any(
+            begin < motion.onsets[move + 1] + motion.period and end > motion.ends[move] - 1e-9
+            for begin, end in motion.gaps
+        ):
+            continue
         stay = slice(
             *np.searchsorted(motion.at, (motion.ends[move], motion.onsets[move + 1])).tolist()
         )
@@ -180,9 +211,15 @@ def _feed_changes(motion: Motion) -> list[Finding]:
             for other, way in zip(motion.axes, motion.lengths, strict=True)
         ]
         usual = float(np.median(times[alike]))
-        longer = max(0.0, abs(float(times[move]) - usual) - 2.0 * motion.period) / usual
+        # What a gap hides may be missing, or be too much.
+        unsure = 2.0 * motion.period + sum(
+            end - begin
+            for begin, end in motion.gaps
+            if begin <= motion.ends[move] and end >= motion.onsets[move]
+        )
+        longer = max(0.0, abs(float(times[move]) - usual) - unsure) / usual
         inside = (motion.at > motion.onsets[move]) & (motion.at < motion.ends[move])
-        speed = motion.speed[inside]
+        speed = motion.smooth_speed[inside]
         fast = np.flatnonzero(speed >= (1.0 - FEED_TOLERANCE) * motion.feeds[move])
         dip = 1.0 - float(np.min(speed[fast[0] : fast[-1] + 1])) / float(motion.feeds[move])
         if longer > FEED_TOLERANCE or dip > 2.0 * FEED_TOLERANCE:
