@@ -111,7 +111,7 @@ class Flight:
         count = len(targets)
         numbers = [command.stop for command, _ in self._corners]
         if numbers != list(range(count)):
-            text = "the beginning of the line was not heard; measure the line again"
+            text = "the first stops of the line are missing; measure the line again"
             found = refused(count, Finding(PassFault.READINGS_MISSING, text))
         elif not readings:
             text = "there are no readings of the line, or they are no longer kept"

@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.on_the_fly.record import Finding, Flags, PassFault, 
 from stepdiag_ros.metrology.plan import moved_axes
 
 FEWEST_POSITIONS = 8
-"""In a move, without which nothing can be said about it."""
+"""In a move, without which it is not evaluated."""
 LONGEST_PERIOD = 0.011
 """s from one position to the next; with more, the way between two is not known well enough."""
 GAP = 2.5
@@ -82,7 +82,7 @@ class Motion:
 
 
 def motion_of(record: PassRecord) -> Motion | Finding:
-    """Return the motion of a pass, or why there is none."""
+    """Return the motion of a pass, or the reason for not having it."""
     moves = record.moves
     at: Vector = (record.position_times - record.position_times[:1]) * np.float64(1e-9)
     if len(at) < FEWEST_POSITIONS * moves:

@@ -9,8 +9,8 @@ move, each reading of the move to node j is
 r are the errors of the nodes, b bend the curve between them (L_k: Legendre's polynomials), τ_a is
 the delay of the axes a that move, κ_a how the mirror gives way when they gain or lose speed (a
 structure that bends, or a filter), ω the strongest vibration, whose phase is free in every move.
-The speed tells τ from the errors: it is constant in most of the move, changes in its ramps, and is
-zero in the corners, where each node is read while the axes stand.
+The speed distinguishes τ from the errors: it is constant in most of the move, changes in its ramps,
+and is zero in the corners, where each node is read while the axes stand.
 
 The noise is not the same everywhere: jitter of the time stamps counts with the speed. Its variance
 is σ₀² in the corners and σ₀² + (n·v)² σ_t² elsewhere, with a σ_t at constant feed and one in the
@@ -23,8 +23,6 @@ from dataclasses import dataclass
 from math import nan, pi, sqrt
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.linalg import cho_factor, cho_solve
 
 from stepdiag_ros.metrology.geometry import Vector, inner
 from stepdiag_ros.metrology.on_the_fly.motion import Motion
@@ -147,6 +145,8 @@ class _Fit:
         self._variances = np.array([1.0, 0.0, 0.0])
         self._noise = nan
         self._parts = list(self._cut(intervals))
+        from scipy.interpolate import PchipInterpolator
+
         # Stands where the axes stand, and does not overshoot where they begin to move.
         self._path = PchipInterpolator(motion.at, record.positions, axis=0)
 
@@ -240,6 +240,8 @@ class _Fit:
 
     def _least_squares(self, rows: list[_Rows]) -> tuple[Vector, Vector]:
         """Return the unknowns and their covariance; what no reading determines is 0."""
+        from scipy.linalg import cho_factor, cho_solve
+
         normal, right = np.zeros((self._unknowns, self._unknowns)), np.zeros(self._unknowns)
         for row in rows:
             weighted = row.design / self._variance(row)[:, np.newaxis]
