@@ -6,6 +6,7 @@ import numpy as np
 
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_cell
+from stepdiag_ros.evaluation.flown import flown_run
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.simulation import simulate
@@ -41,6 +42,10 @@ def test_lines_on_the_fly(make_cell, tmp_path):
         # What the air adds is beside the readings; what a delay would add is far more.
         assert np.max(np.abs(error - error[0])) < 60e-9
         assert np.max(line.standard_uncertainty) < 20e-9
+    flown = flown_run(run)
+    assert [line.found.reasons for line in flown.lines] == [("",) * 4, ("",) * 10, ("",) * 10]
+    assert all(abs(one.delay) < 4.0 * one.standard_uncertainty < 40e-6 for one in flown.delays)
+    assert abs(flown.vibration.frequency - 40.0) < 0.5
     moving = [stop for stop in run.stops if 0 < stop.command.stop < 9]
     times = np.array([stop.in_position_time for stop in run.stops])
     assert np.median(np.diff(times)) < 0.7e9 and len(moving) > 10

@@ -151,8 +151,10 @@ def plan_facts(material: Material) -> list[Fact]:
         *(_line_facts(plan) if plan.tracker is None else tracker_facts(plan, plan.tracker)),
         Fact("Feed", feed),
         *_flown_facts(material),
-        Fact(
-            "A stop at an end of a line" if material.flown else "A stop",
+        Fact("Ends of a line", f"stays {sampling.dwell:g} s at least")
+        if material.flown
+        else Fact(
+            "A stop",
             f"stays {sampling.dwell:g} s at least; mean of {sampling.window:g} s of readings from"
             f" {sampling.settle:g} s after arrival, which must scatter less than"
             f" {sampling.standard_deviation_limit * IN_MICRO:g} µm",
