@@ -7,8 +7,8 @@ stops with 100 readings a second, as the demonstration has them, on the fly with
 the machine's seconds from the start of the run to its last stop, the largest expanded uncertainty
 (k = 1.96) of the nine curves and of squareness, how many of the true values these contain, and E_n
 of each node on the fly against the same node at a stop. "of the readings" leaves out what the
-machine may do although no line shows it. With ``--machines`` a step diagonal is measured on the fly on that
-many worst plausible machines (``test/metrology/on_the_fly/moving_machine.py``), and the values
+machine may do although no line shows it. With ``--machines`` a step diagonal is measured on the fly
+on that many worst plausible machines (``test/metrology/on_the_fly/moving_machine.py``), and values
 within their U are counted. Prints one JSON document; the exit code is 1 if the ratio of the times
 is above 0.25, an uncertainty on the fly is larger, E_n is above 1 for more than 5 % of the nodes,
 or the coverage of a node is not 93 to 97 %.
