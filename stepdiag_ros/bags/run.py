@@ -202,6 +202,16 @@ class RecordedRun:
         """Go through the readings in the order in which they were recorded, many at a time."""
         return self.all_readings.batches()
 
+    def positions(self) -> Iterator[tuple[int, tuple[float, float, float]]]:
+        """Go through time (ns) and position (m) of the axes, in the order of recording."""
+        if not self.plan.on_the_fly:
+            return
+        joints = topics.absolute(topics.JOINT_STATES, self.namespace)
+        for _, message in messages_of(self.bag, self.found, (joints,)):
+            position = conversion.axis_positions(message)
+            if position is not None:
+                yield to_nanoseconds(message.header.stamp), position
+
     def weather(self) -> list[SensorValue]:
         """Return the values of the weather sensors, in order of time."""
         told = {

@@ -261,7 +261,12 @@ def _measured(
     if recorded_lines or not recorded.commands:
         return recorded.measurement, "solved from the lines as recorded", flaws
     events = assemble(
-        recorded.plan, recorded.start_time, recorded.commands, recorded.arrivals, readings
+        recorded.plan,
+        recorded.start_time,
+        recorded.commands,
+        recorded.arrivals,
+        readings,
+        recorded.positions(),
     )
     if not readings.count:
         words = "solved from the lines as recorded: the bag has no readings"
@@ -312,6 +317,7 @@ def _compensated_anew(
         recorded.commands,
         recorded.arrivals,
         recompensated(readings, weather, begins, recorded.plan, air),
+        recorded.positions(),
     )
     if not readings.count:
         raise ValueError(f"{recorded.path}: --air needs readings, and the bag has none")

@@ -14,8 +14,8 @@ finished line.
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from math import isfinite, nan, sqrt
 
 import numpy as np
@@ -30,6 +30,7 @@ from stepdiag_ros.metrology.measurement import (
     SettledStop,
     StopCommand,
 )
+from stepdiag_ros.metrology.on_the_fly.flight import Flight, FlownLine, needs_corner_stops
 from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
 from stepdiag_ros.metrology.plan_commands import check_command
 from stepdiag_ros.metrology.rising import Rising
@@ -104,9 +105,17 @@ class Assembler:
         buffer: how many readings are kept for an arrival that comes late. Between stops all
             readings since the last arrival are kept, up to this number; a stop whose readings are
             gone is rejected.
+        on_pass: is given every line that was measured on the fly, with its delays and curves.
     """
 
-    def __init__(self, plan: Plan, start: int, buffer: int = 50_000) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        start: int,
+        buffer: int = 50_000,
+        on_pass: Callable[[FlownLine], object] | None = None,
+    ) -> None:
+        self._on_pass = on_pass
         self._plan = plan
         self._start = start
         self._buffer = buffer
@@ -114,6 +123,8 @@ class Assembler:
         self._settle = round(sampling.settle * 1e9)
         self._window = round(sampling.window * 1e9)
         self._longest_wait = round(sampling.longest_wait * 1e9)
+        # None where every stop is settled: by the plan, or because positions come too seldom.
+        self._flight = Flight(sampling) if plan.on_the_fly else None
 
         self._commands: deque[StopCommand] = deque()
         self._arrivals: deque[Arrival] = deque()
@@ -159,6 +170,13 @@ class Assembler:
         if not self._arrivals_taken.is_new(arrival.command_id, arrival):
             return []
         self._arrivals.append(arrival)
+        return self._advance()
+
+    def add_position(self, time: int, position: tuple[float, float, float]) -> list[Event]:
+        """Take the actual position of the axes, m, at a time, ns; only lines on the fly need it."""
+        if self._flight is None:
+            return []
+        self._flight.add_position(time, position)
         return self._advance()
 
     def add_reading(self, reading: Reading) -> list[Event]:
@@ -234,6 +252,10 @@ class Assembler:
         while True:
             if self._stop is None:
                 self._stop = self._next_stop()
+            if self._stop is not None and self._flight is not None:
+                if not self._fly(self._stop, self._flight, events):
+                    break
+                continue
             if self._stop is None or self._latest < self._stop.window_end:
                 break
             self._try_window(self._stop, events)
@@ -261,6 +283,34 @@ class Assembler:
                     last_end=arrival.time + self._longest_wait,
                 )
         return None
+
+    def _fly(self, stop: _OpenStop, flight: Flight, events: list[Event]) -> bool:
+        """Pass a corner, or decide the line at its last stop; say whether that could be done."""
+        line = self._line_of(stop)
+        last = len(line.targets) - 1
+        if stop.command.stop < last:
+            flight.pass_corner(stop.command, stop.arrival)
+            self._stop = None
+            return True
+        too_late = stop.window_end + self._longest_wait
+        if self._latest < (stop.window_end if flight.knows_until(stop.window_end) else too_late):
+            return False
+        flight.pass_corner(stop.command, stop.arrival)
+        first = bisect_left(self._times, line.since + self._settle)
+        part = slice(first, bisect_left(self._times, stop.window_end))
+        beam = self._plan.lines[line.line_index].beam(self._plan.volume)
+        origin = np.zeros(3)
+        direction = np.array([float(beam.between(origin, axis)) for axis in np.eye(3)])
+        readings = [] if line.since <= self._dropped_until else self._readings[part]
+        flown, stops = flight.land(line.line, line.targets, direction, readings, stop.window_end)
+        if self._on_pass is not None:
+            self._on_pass(flown)
+        for decided in stops:
+            self._take(decided, line, events)
+        if stops and needs_corner_stops(stops[-1].reason):
+            self._flight = None
+        self._end_stop(stop)
+        return True
 
     def _try_window(self, stop: _OpenStop, events: list[Event]) -> None:
         first = bisect_left(self._times, stop.window_start)
@@ -373,10 +423,8 @@ class Assembler:
         reason: str,
         events: list[Event],
     ) -> None:
-        # The identity of the zero, not of the alignment alone, is what the numbers below belong to.
-        command = stop.command._replace(setup=line.zero.identity)
         decided = SettledStop(
-            command=command,
+            command=stop.command,
             line=line.line,
             position=stop.arrival.position,
             settled=not reason,
@@ -394,10 +442,18 @@ class Assembler:
             window_end=window.end,
             environment=window.environment,
         )
-        if decided.settled and not isfinite(line.zero.displacement):
-            line.zero.displacement = decided.displacement
         if decided.settled:
             self._trigger = window.trigger
+        self._take(decided, line, events)
+        self._end_stop(stop)
+
+    def _take(self, stop: SettledStop, line: _OpenLine, events: list[Event]) -> None:
+        """Add a decided stop to its line, with the events that follow from it."""
+        # The identity of the zero, not of the alignment alone, is what its numbers belong to.
+        decided = replace(stop, command=stop.command._replace(setup=line.zero.identity))
+        command = decided.command
+        if decided.settled and not isfinite(line.zero.displacement):
+            line.zero.displacement = decided.displacement
         before = line.stops.get(command.stop - 1)
         line.stops[command.stop] = line.last = decided
         events.append(decided)
@@ -406,6 +462,8 @@ class Assembler:
         if command.stop == len(line.targets) - 1:
             overrun = self._plan.overrun_of(line.line)
             events.append(_finished(line, decided, self._start, overrun))
+
+    def _end_stop(self, stop: _OpenStop) -> None:
         self._stop = None
         self._decided_arrival = max(self._decided_arrival, stop.arrival.time)
         # No later stop can be reached before this one was.
@@ -420,6 +478,8 @@ def assemble(
     commands: Iterable[StopCommand],
     arrivals: Iterable[Arrival],
     readings: Iterable[Reading],
+    positions: Iterable[tuple[int, tuple[float, float, float]]] = (),
+    on_pass: Callable[[FlownLine], object] | None = None,
 ) -> list[Event]:
     """Return the events of a recorded run, the same as those of the live run.
 
@@ -429,24 +489,42 @@ def assemble(
         commands: in order of their id.
         arrivals: in order of their id.
         readings: in order of their time.
+        positions: time (ns) and actual position (m) of the axes, in the order in which they came;
+            only lines on the fly need them.
+        on_pass: is given every line that was measured on the fly.
 
     Raises:
         ValueError: a command does not belong to the plan, or a command or an arrival contradicts
             one before it.
     """
-    assembler = Assembler(plan, start)
+    assembler = Assembler(plan, start, on_pass=on_pass)
     events: list[Event] = []
     pending_commands, pending_arrivals = deque(commands), deque(arrivals)
-    coming = iter(readings)
+    coming, places = iter(readings), iter(positions)
     while (due := _earliest(pending_commands, pending_arrivals)) < _NEVER:
         # Fed roughly in order of time, so that few readings need to be kept.
         if due > assembler.latest:
+            events += _up_to(due, places, assembler)
             events += assembler.add_readings(coming, due)
         if pending_commands and pending_commands[0].time == due:
             events += assembler.add_command(pending_commands.popleft())
         else:
             events += assembler.add_arrival(pending_arrivals.popleft())
-    return events + assembler.add_readings(coming)
+    return events + _up_to(_NEVER, places, assembler) + assembler.add_readings(coming)
+
+
+def _up_to(
+    time: int,
+    positions: Iterator[tuple[int, tuple[float, float, float]]],
+    assembler: Assembler,
+) -> list[Event]:
+    """Feed positions, the first at or after a time as the last."""
+    events: list[Event] = []
+    for at, position in positions:
+        events += assembler.add_position(at, position)
+        if at >= time:
+            break
+    return events
 
 
 def _earliest(commands: deque[StopCommand], arrivals: deque[Arrival]) -> int:

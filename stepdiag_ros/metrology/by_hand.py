@@ -18,7 +18,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.hand_lines import LineFinder, LineFound
 from stepdiag_ros.metrology.measurement import Arrival, Reading, StopCommand
-from stepdiag_ros.metrology.plan import Plan, moved_axes
+from stepdiag_ros.metrology.plan import STOPS, Plan, moved_axes
 from stepdiag_ros.metrology.rest_matching import Match, StopPlace, Tolerance, match, places_of
 from stepdiag_ros.metrology.stillness import Criteria, Rest, StillnessDetector
 from stepdiag_ros.metrology.window import FEWEST_READINGS
@@ -68,9 +68,13 @@ class Numbering:
 
 
 def plan_by_hand(plan: Plan) -> Plan:
-    """Return a plan as it is measured by hand: the machine does not wait for a stop to settle."""
+    """Return a plan as it is measured by hand: the machine does not wait for a stop to settle.
+
+    Without the positions of the axes nothing is measured on the fly.
+    """
     sampling = plan.sampling
-    return replace(plan, sampling=replace(sampling, longest_wait=sampling.settle + sampling.window))
+    once = replace(sampling, longest_wait=sampling.settle + sampling.window)
+    return replace(plan, sampling=once, measurement=STOPS)
 
 
 def require_standing_beam(plan: Plan, source: str) -> None:

@@ -164,6 +164,9 @@ class SimulatedCell:
         reading_rate: that the simulated interferometer has if nothing else is asked for, Hz.
         weather: air and material over time.
         drive: of all axes.
+        vibration: amplitude with which the mirror vibrates against the laser along the beam, m.
+        vibration_frequency: Hz.
+        stamp_jitter: standard deviation of the time at which a reading is really taken, s.
         effects: of the catalogue that act beyond the error motions, on the readings at stops
             (``simulation``, ``live_effects``); they are not part of ``truth``.
     """
@@ -179,6 +182,9 @@ class SimulatedCell:
     reading_rate: float = 100.0
     weather: WeatherModel = field(default_factory=WeatherModel)
     drive: DriveModel = field(default_factory=DriveModel)
+    vibration: float = 0.0
+    vibration_frequency: float = 40.0
+    stamp_jitter: float = 0.0
     effects: tuple[ActiveEffect, ...] = ()
 
     @classmethod
@@ -206,6 +212,13 @@ class SimulatedCell:
             ),
             weather=_weather(section.section("weather")),
             drive=_drive(section.section("drive")),
+            vibration=section.number("vibration_m", low=0.0, high=1e-3, default=cls.vibration),
+            vibration_frequency=section.number(
+                "vibration_hz", low=0.1, high=1e4, default=cls.vibration_frequency
+            ),
+            stamp_jitter=section.number(
+                "stamp_jitter_s", low=0.0, high=1e-3, default=cls.stamp_jitter
+            ),
             effects=_effects(section, mapping),
         )
         section.finish()

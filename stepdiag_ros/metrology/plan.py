@@ -54,12 +54,17 @@ COURSE_KEYS = (
     "pause_for_setup",
     "one_alignment_per_diagonal",
     "overrun_m",
+    "measurement",
     "sampling",
     "lines",
 )
 """Of a plan file without a tracker: everything else, in the order in which it is written."""
 MOST_STOPS = 20_000
 """Of a plan, all passes together; at 2 s each they take eleven hours."""
+STOPS = "stops"
+ON_THE_FLY = "on_the_fly"
+FEWEST_MOVES = 3
+"""Of a line that is measured on the fly; with fewer, its delay is not known."""
 HOLD = "hold"
 LEAVE = "leave"
 FORWARD = "forward"
@@ -281,6 +286,9 @@ class Plan:
             it, m, so that every stop of the pass is approached in its direction, as the
             bidirectional tests of ISO 230-2 and ISO 230-6 need it. Step diagonals have none: each
             of their moves ends at a stop; a tracker's lines have their own.
+        measurement: ``stops``: the machine stays at every stop until it is measured;
+            ``on_the_fly``: only at the first and the last of a line, and every move between them is
+            measured while it is made (``metrology.on_the_fly``).
         tracker: the instrument of a plan whose lines are all of kind ``tracker``; else None.
     """
 
@@ -293,6 +301,12 @@ class Plan:
     one_alignment_per_diagonal: bool = False
     overrun: float = 0.0
     tracker: Tracker | None = None
+    measurement: str = STOPS
+
+    @property
+    def on_the_fly(self) -> bool:
+        """Say whether lines are measured while the axes move."""
+        return self.measurement == ON_THE_FLY
 
     def setup_of(self, line: Line) -> str:
         """Return the identity of the alignment and zero that a line is measured with."""
@@ -446,9 +460,32 @@ class Plan:
             tracker=None
             if tracker is None
             else Tracker.from_mapping(tracker, f"{source}: tracker"),
+            measurement=plan.names("measurement", (STOPS, ON_THE_FLY), default=(STOPS,))[0],
         )
         plan.finish()
+        if made.on_the_fly:
+            _check_on_the_fly(made, source)
         return made
+
+
+def _check_on_the_fly(plan: Plan, source: str) -> None:
+    """Refuse a plan whose lines cannot be measured on the fly."""
+    said = f"{source}: measurement: {ON_THE_FLY}"
+    if plan.tracker is not None:
+        raise Refusal(
+            f"{said} needs a beam that stands still, and this plan has a tracker; use {STOPS}",
+            fault="unsupported",
+            about="measurement",
+        )
+    for line in plan.lines:
+        moves = len(line.stops(plan.volume)) - 1
+        if moves < FEWEST_MOVES:
+            raise Refusal(
+                f"{said} needs at least {FEWEST_MOVES} moves in a line, and {line.name} has"
+                f" {moves}; increase 'blocks', or use {STOPS}",
+                fault="too_few",
+                about="measurement",
+            )
 
 
 def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -> Iterator[Line]:

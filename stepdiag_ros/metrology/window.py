@@ -142,7 +142,7 @@ def _window(readings: Sequence[Reading], values: Vector, start: int, end: int) -
         readings=count,
         first_sequence=readings[0].sequence,
         last_sequence=readings[-1].sequence,
-        environment=_mean_environment(readings),
+        environment=mean_environment(readings),
         fault=_fault(readings, start, end),
         trigger=readings[-1].trigger,
     )
@@ -230,7 +230,8 @@ def _slope(times: Vector, values: Vector) -> float:
     return float(inner(centred, values - values[0])) / spread if spread > 0.0 else _UNKNOWN
 
 
-def _mean_environment(readings: Sequence[Reading]) -> Environment:
+def mean_environment(readings: Sequence[Reading]) -> Environment:
+    """Return the mean of each quantity over some readings; NaN where it was unknown at any."""
     first = readings[0].environment
     if all(reading.environment is first for reading in readings):
         return first

@@ -98,8 +98,13 @@ class AssemblerNode(StepdiagNode):
 
     def _on_joints(self, message: Any) -> None:
         position = axis_positions(message)
-        if self._timing is not None and position is not None:
-            self._timing.take_position(to_nanoseconds(message.header.stamp), position)
+        if position is None:
+            return
+        time = to_nanoseconds(message.header.stamp)
+        if self._assembler is not None:
+            self._publish(self._assembler.add_position(time, position))
+        if self._timing is not None:
+            self._timing.take_position(time, position)
 
     def _judge_readings(self) -> HealthFinding:
         return self._coming.judge(not self.run_over, self.now(), self.real_time())

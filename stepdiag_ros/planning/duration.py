@@ -198,7 +198,7 @@ def duration(
                 alignment=alignment,
                 positioning=clock.between(place or first, first, at_once=in_beam) + run_up,
                 moves=moves,
-                dwells=dwell * one.stops,
+                dwells=dwell * (2 if plan.on_the_fly else one.stops),
             )
         )
         place = one.targets[-1]

@@ -44,6 +44,8 @@ def plan_text(plan: Plan, comments: Sequence[str] = ()) -> str:
         text.append("one_alignment_per_diagonal: true")
     if plan.overrun:
         text.append(f"overrun_m: {_number(plan.overrun)}")
+    if plan.on_the_fly:
+        text.append(f"measurement: {plan.measurement}")
     if plan.tracker is not None:
         text += ["", "tracker:", *_tracker_text(plan.tracker)]
     text += ["", "lines:"]

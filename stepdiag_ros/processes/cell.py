@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.parameters.declaration import HEARTBEAT_TIMEOUT
 from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.processes.cell_file import check_cell_file
@@ -15,6 +16,9 @@ PATIENT = {
     "reading_timeout": 15.0,
 }
 """Limits of real time in a simulated cell, s: its machine is in no danger from a busy computer."""
+
+_POSITION_RATE = 500.0
+"""Hz, of the simulated controller where lines are measured on the fly."""
 
 
 def simulated_node(name: str, **parameters: object) -> NodeProcess:
@@ -99,12 +103,13 @@ def simulated_cell(
     # The air that the beam feels and the air that the sensors feel are the same.
     simulated = {"device": "simulated", "cell": cell}
     weather: dict[str, object] = {**simulated, "weather_begins": time.time_ns()}
+    moving = {"position_rate": _POSITION_RATE} if load_plan(plan)[0].on_the_fly else {}
     return [
         simulated_node("clock", use_sim_time=False, factor=factor),
         simulated_node("recorder", folder=folder),
         *evaluation(model),
         simulated_node("weather", **weather),
-        simulated_node("bridge", **simulated, machine=machine, correction=correction),
+        simulated_node("bridge", **simulated, machine=machine, correction=correction, **moving),
         # However late messages are when the computer is busy, no reading is made without the
         # position and the weather of its own time.
         simulated_node(

@@ -9,6 +9,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.assembly import repetition_helps
 from stepdiag_ros.metrology.measurement import StopCommand
+from stepdiag_ros.metrology.on_the_fly.flight import needs_corner_stops
 from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
 from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.metrology.units import NANOSECONDS
@@ -115,6 +116,7 @@ class _Phase(Enum):
     READY = "the beam of the setup"
     ANSWER = "the answer of the bridge to a command"
     MOTION = "the machine to be in position"
+    CORNER = "the next move of a line that is measured on the fly"
     SETTLING = "the stop to settle"
     DWELL = "the stop to be stored"
     TARGET = "the solution of the line, by which the run may have reached its target"
@@ -181,6 +183,8 @@ class Sequence:
         self._time_left = TimeLeft()
         self._pause_wanted = False
         self._assembled = False
+        # Whether lines are measured on the fly, as long as positions come often enough.
+        self._flies = plan.on_the_fly
         self._stored = 0
         self._beam_setup = ""
         self._beam_wanted_since: float | None = None
@@ -296,6 +300,9 @@ class Sequence:
         self._position = np.asarray(command.target)
         if command.purpose is Purpose.POSITION:
             self._phase = _Phase.READY
+        elif self._passes_corner and self._phase in (_Phase.ANSWER, _Phase.MOTION):
+            self._phase = _Phase.CORNER
+            self._arrived = now
         elif self._phase in (_Phase.ANSWER, _Phase.MOTION):
             self._phase = _Phase.DWELL if self._assembled else _Phase.SETTLING
             self._arrived = now
@@ -313,9 +320,16 @@ class Sequence:
             stop: which one.
             rejection: why the stop has no value; empty if it settled.
         """
-        if (line_index, attempt, stop) != (self._line_index, self._attempt, self._stop):
+        if (line_index, attempt) != (self._line_index, self._attempt):
             return
         if self._assembled or not self.active:
+            return
+        if self._flies:
+            # All stops of a line on the fly are decided at its end; the first objection counts.
+            rejection = self._rejection = self._rejection or rejection
+            if stop < self._stop:
+                self._time_left.stop_measured()
+        if stop != self._stop:
             return
         # The bridge's and the assembler's messages travel apart and may overtake each other.
         self._assembled = True
@@ -358,6 +372,8 @@ class Sequence:
                 self.fault(f"the {what} in the time it should take")
         elif self._phase is _Phase.DWELL:
             self._end_dwell(now, real)
+        elif self._phase is _Phase.CORNER and now >= self._arrived + self._stay:
+            self._advance(real)
         if self._phase is _Phase.TARGET and self._judged(real):
             self._go_on()
         if self._phase is _Phase.READY and self.state is State.RUNNING:
@@ -415,6 +431,16 @@ class Sequence:
     def _line(self) -> Line:
         return self._plan.lines[self._line_index]
 
+    @property
+    def _passes_corner(self) -> bool:
+        """Say whether the present stop is not waited for, but measured with its line."""
+        return self._flies and self._stop < len(self._stops[self._line_index]) - 1
+
+    @property
+    def _stay(self) -> int:
+        """Return how long the machine stays at a corner, ns: at the first its zero is read."""
+        return self._dwell if self._stop == 0 else 0
+
     def _setup(self) -> str:
         """Return the identity of alignment and zero; a new one after each restart of a line."""
         setup = self._plan.setup_of(self._line)
@@ -460,7 +486,7 @@ class Sequence:
             self._line_index += 1
             self._attempt = self._line_tries = 1
             self._stop = 0
-            self._given_up = ""
+            self._given_up = self._rejection = ""
             if self._line_index < len(self._stops):
                 self._route.begin_line(self._line_index)
             if self._line_index in self._ends:
@@ -505,7 +531,12 @@ class Sequence:
         what, sampling = f"stop {self._stop}: {self._rejection}", self._plan.sampling
         if self._given_up:
             return False
-        if repetition_helps(self._rejection) and self._stop_tries < sampling.stop_attempts:
+        if self._flies and needs_corner_stops(self._rejection):
+            self._flies = False
+            self.text = "measuring with stops at the corners: " + self._rejection
+            self._line_tries -= 1
+            self._restart_line()
+        elif repetition_helps(self._rejection) and self._stop_tries < sampling.stop_attempts:
             self._stop_tries += 1
             self._route.repeat(self._line, self._stop)
         elif self._line_tries < sampling.line_attempts:

@@ -40,15 +40,27 @@ class LiveCell:
         late: with this seed, commands and answers reach the interferometer up to 0.4 s late.
         rate: of the readings, Hz.
         before_run: how long the weather has gone on before the run, ns.
+        position_rate: of the positions, Hz.
+        seed: of the noise of the readings.
     """
 
-    def __init__(self, plan, cell, tick=40 * MS, late=None, rate=100.0, before_run=3000 * MS):
+    def __init__(
+        self,
+        plan,
+        cell,
+        tick=40 * MS,
+        late=None,
+        rate=100.0,
+        before_run=3000 * MS,
+        position_rate=50.0,
+        seed=0,
+    ):
         self.plan, self.tick = plan, tick
         self.random = None if late is None else np.random.default_rng(late)
         self.now, self.start = START, START + before_run
         around = Surroundings(MACHINE, cell)
-        self.cnc = prepare("cnc", "simulated", {"position_rate_hz": 50.0}, around)(START)
-        settings = {"rate_hz": rate, "hold_after_s": 3600.0, "weather_age_s": 3600.0}
+        self.cnc = prepare("cnc", "simulated", {"position_rate_hz": position_rate}, around)(START)
+        settings = {"rate_hz": rate, "hold_after_s": 3600.0, "weather_age_s": 3600.0, "seed": seed}
         self.laser = prepare("interferometer", "simulated", settings, around)(START)
         self.weather = prepare("weather", "simulated", {"rate_hz": 20.0}, around)(START)
         self.assembler = Assembler(plan, self.start)
@@ -91,6 +103,7 @@ class LiveCell:
             self.position = event.position
             if isinstance(event, PositionSample):
                 self.laser.update_position(event.time, event.position)
+                self._take(self.assembler.add_position(event.time, event.position))
             elif self.number:
                 self._answer(event)
         self._deliver()

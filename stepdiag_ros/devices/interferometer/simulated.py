@@ -293,7 +293,7 @@ class SimulatedInterferometer:
     def _count(self, times: Instants) -> tuple[Vector, Bytes]:
         """Return raw displacement and status at some instants, all with the same beam."""
         count = len(times)
-        positions = self._positions_at(times)
+        positions = self._positions_at(self._taken(times))
         added = np.zeros(count) if self._course is None else self._course.added(times, positions)
         # Drawn for every reading, so that the noise does not depend on when the device is polled.
         noise = self._cell.reading_noise * self._random.standard_normal(count)
@@ -305,11 +305,30 @@ class SimulatedInterferometer:
         if not beam.zeroed:
             self._set_zero(beam, length[0] + added[0], index[0], positions[0])
         raw = noise + raw_displacement(
-            length + added - beam.length_at_zero, beam.length_at_zero, index, beam.index_at_zero
+            length + added + self._vibration(times) - beam.length_at_zero,
+            beam.length_at_zero,
+            index,
+            beam.index_at_zero,
         )
         broken = self._broken(times)
         statuses = self._statuses(beam, times, length, broken)
         return (np.where(broken, nan, raw) if broken.any() else raw), statuses
+
+    def _taken(self, times: Instants) -> Instants:
+        """Return when readings are really taken, ns."""
+        if not self._cell.stamp_jitter:
+            return times
+        jitter = self._cell.stamp_jitter * self._random.standard_normal(len(times))
+        taken: Instants = times + np.rint(jitter * 1e9).astype(np.int64)
+        return taken
+
+    def _vibration(self, times: Instants) -> Vector:
+        """Return where the mirror is in its vibration, m."""
+        if not self._cell.vibration:
+            return np.zeros(len(times))
+        turns = (times - self._start) * 1e-9 * self._cell.vibration_frequency
+        vibration: Vector = self._cell.vibration * np.sin(2.0 * np.pi * turns)
+        return vibration
 
     def _known_at_zero(self, beam: _Beam, known: Vector) -> float:
         """Return the index by the sensors when the zero was set.

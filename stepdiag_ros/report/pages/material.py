@@ -24,6 +24,7 @@ from stepdiag_ros.evaluation.budget import BudgetReport
 from stepdiag_ros.evaluation.compensation import CompensationReport, compensation_of, identified_of
 from stepdiag_ros.evaluation.diagnosis import Ask, DiagnosisReport, build_diagnosis, with_proposal
 from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
+from stepdiag_ros.evaluation.flown import FlownRun, flown_run
 from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.positioning import PositioningReport, positioning_of
 from stepdiag_ros.evaluation.report import Report
@@ -174,6 +175,11 @@ class Material:
         if not values:
             self._missing["weather"] = "No weather sensor was recorded."
         return values
+
+    @cached_property
+    def flown(self) -> FlownRun | None:
+        """Return how the lines were measured on the fly; None where none was."""
+        return flown_run(self.recorded)
 
     @cached_property
     def experiment(self) -> Experiment | None:

@@ -10,6 +10,7 @@ import numpy as np
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact
@@ -149,11 +150,48 @@ def plan_facts(material: Material) -> list[Fact]:
         Fact("Measured box", f"{size} mm ({', '.join(AXES)}), first corner at {corner} mm"),
         *(_line_facts(plan) if plan.tracker is None else tracker_facts(plan, plan.tracker)),
         Fact("Feed", feed),
-        Fact(
+        *_flown_facts(material),
+        Fact("Ends of a line", f"stays {sampling.dwell:g} s at least")
+        if material.flown
+        else Fact(
             "A stop",
             f"stays {sampling.dwell:g} s at least; mean of {sampling.window:g} s of readings from"
             f" {sampling.settle:g} s after arrival, which must scatter less than"
             f" {sampling.standard_deviation_limit * IN_MICRO:g} µm",
+        ),
+    ]
+
+
+def _flown_facts(material: Material) -> list[Fact]:
+    """Return how lines were measured while the axes moved, and how long that took."""
+    flown = material.flown
+    if flown is None:
+        return []
+    delays = "; ".join(
+        f"{delay.axis} {plain(delay.delay * IN_MICRO, 1)} µs ±"
+        f" {plain(COVERAGE_FACTOR * delay.standard_uncertainty * IN_MICRO, 1)} µs"
+        for delay in flown.delays
+    )
+    vibration = flown.vibration
+    shaken = (
+        f"{plain(vibration.amplitude * IN_MICRO, 2)} µm at {plain(vibration.frequency, 1)} Hz,"
+        " fitted in every move"
+        if vibration.found
+        else "none was found"
+    )
+    return [
+        Fact(
+            "Measured on the fly",
+            "at constant feed, with an exact stop and no stay at every corner; each move is a"
+            f" regression, and the corners are the nodes. {len(flown.lines)} passes in"
+            f" {flown.seconds:.0f} s",
+        ),
+        Fact("Readings behind positions", f"{delays} (k = {COVERAGE_FACTOR:g})"),
+        Fact("Vibration", shaken),
+        Fact(
+            "Common to a line",
+            f"at most {plain(flown.common * IN_MICRO, 4)} µm of the standard uncertainty of its"
+            " nodes comes from the delays",
         ),
     ]
 
