@@ -30,7 +30,8 @@ _TOLD = 6
 """Lines that come in for others in an exchange: those that would tell most."""
 _MOST_LOOKED_AT = 900
 """Choices after which the frontier goes no further."""
-_ROUNDS = 6
+_FEW_ROUNDS = 6
+_ROUNDS = 40
 """Of exchange at most; each makes the choice better."""
 
 
@@ -116,6 +117,9 @@ class Exchange:
         if everything.ratio == inf:
             return []
         self._added(self._taken_away(everything))
+        for one in pareto(self._known.values()):
+            for times in range(2, self._most // max(one.counts) + 1):
+                self.choice([times * count for count in one.counts])
         return pareto(self._known.values())
 
     def _taken_away(self, start: Choice) -> Choice:
@@ -181,7 +185,7 @@ class Exchange:
         def better(one: Choice, now: Choice) -> bool:
             return one.ratio <= 1.0 and one.seconds < now.seconds - 1e-9
 
-        return self._exchanged(start, better, key=lambda one: one.seconds)
+        return self._exchanged(start, better, key=lambda one: one.seconds, rounds=_ROUNDS)
 
     def best_within(self, start: Choice, seconds: float) -> Choice:
         """Return a choice within a time whose uncertainty is as small as exchanges make it."""
@@ -189,16 +193,17 @@ class Exchange:
         def better(one: Choice, now: Choice) -> bool:
             return one.seconds <= seconds and one.ratio < now.ratio * (1.0 - _WORTH)
 
-        return self._exchanged(start, better, key=lambda one: one.ratio)
+        return self._exchanged(start, better, key=lambda one: one.ratio, rounds=_FEW_ROUNDS)
 
     def _exchanged(
         self,
         start: Choice,
         better: Callable[[Choice, Choice], bool],
         key: Callable[[Choice], float],
+        rounds: int,
     ) -> Choice:
         now = start
-        for _ in range(_ROUNDS):
+        for _ in range(rounds):
             for neighbours in (self._without, self._with, self._swapped):
                 found = [one for one in neighbours(now) if better(one, now)]
                 if found:

@@ -24,7 +24,9 @@ from stepdiag_ros.planning.request import PlanCandidate, Request, sampling_with
 from stepdiag_ros.run.feasibility import beyond_machine
 
 _DWELLS = (0.4, 0.7, 1.0, 2.0)
-"""s: those that are tried. Of each, half is left for the machine to calm down."""
+"""s: those that are tried."""
+_CALM = 0.25
+"""Share of a dwell in which the machine calms down, as in the demo plan."""
 _FEEDS = (0.033, 0.1)
 """m/s: those that are tried. Faster moves of a step are all acceleration, and warm the machine."""
 _CLEARLY = 0.95
@@ -177,7 +179,12 @@ class Search:
 
     def _samplings(self) -> list[Sampling]:
         told = self._request.sampling
-        return [sampling_with(dwell) for dwell in _DWELLS] if told is None else [told]
+        if told is not None:
+            return [told]
+        return [
+            replace(sampling_with(dwell), settle=_CALM * dwell, window=(1.0 - _CALM) * dwell)
+            for dwell in _DWELLS
+        ]
 
     def _feed(self) -> float:
         """Return the feed that is wished, or the fastest that is tried: it costs nothing here."""
