@@ -1,9 +1,9 @@
 """Exchange of lines by expected information per machine second.
 
 A choice is a number of measurements of each offer. From all lines once the search takes away what
-tells least for its time, down to what just determines the quantities. From there it adds what tells
-most for its time, one measurement or several where it takes an alignment, and exchanges lines at
-the same time (Fedorov 1972; Mitchell 1974, Technometrics 16, 203). Every choice on the way may be a
+contributes least for its time, down to what just determines the quantities. From there it adds what
+contributes most, one measurement or several where it takes an alignment, and exchanges lines at the
+same time (Fedorov 1972; Mitchell 1974, Technometrics 16, 203). Every choice on the way may be a
 point of the frontier of uncertainty against time.
 """
 
@@ -27,7 +27,7 @@ _LONGEST = 2.0
 _SHARP = 8.0
 """Exponent of the mean that stands for the largest ratio."""
 _TOLD = 6
-"""Lines that come in for others in an exchange: those that would tell most."""
+"""Lines that come in for others in an exchange: those that would contribute most."""
 _MOST_LOOKED_AT = 900
 """Choices after which the frontier goes no further."""
 _FEW_ROUNDS = 6
@@ -37,7 +37,7 @@ _ROUNDS = 40
 
 @dataclass(frozen=True)
 class Choice:
-    """Lines to measure, and what they cost and tell.
+    """Lines to measure, and what they cost and yield.
 
     Attributes:
         counts: measurements of each offer.
@@ -71,7 +71,7 @@ class Exchange:
         self._known: dict[tuple[int, ...], Choice] = {}
 
     def choice(self, counts: Sequence[int]) -> Choice:
-        """Return what a choice costs and tells."""
+        """Return what a choice costs and yields."""
         key = tuple(int(count) for count in counts)
         if key not in self._known:
             nothing = np.zeros(len(self._names))
@@ -123,7 +123,7 @@ class Exchange:
         return pareto(self._known.values())
 
     def _taken_away(self, start: Choice) -> Choice:
-        """Take lines away, those first that tell least for their time; many at first."""
+        """Take lines away, those first that contribute least for their time; many at first."""
         now = start
         while True:
             each = [
@@ -214,7 +214,7 @@ class Exchange:
         return now
 
     def _swapped(self, now: Choice) -> Iterator[Choice]:
-        """Go over exchanges of a line that is there for one of those that would tell most."""
+        """Go over exchanges of a line that is there for one of those that would contribute most."""
         added = [
             (self._changed(now, (index, 1)).smooth, index)
             for index, count in enumerate(now.counts)

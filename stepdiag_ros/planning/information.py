@@ -2,7 +2,7 @@
 
 The unknowns and the matrix are those of ``solvers.design``, the rotations those of
 ``solvers.rotations``, the laser's scales those of ``solvers.lengths``. Each pass has a zero of its
-own, so what lines tell adds up: with A the readings by curves and tilts, Z by the modes c of the
+own, so their information adds up: with A the readings by curves and tilts, Z by the modes c of the
 rotations, both whitened and beyond the zero, and n the number of measurements of each line,
 
     N = Σ n AᵀA,   X = Σ n AᵀZ,   Y = Σ n ZᵀZ,   H = Σ n AᵀL,
@@ -101,7 +101,7 @@ class Standing:
 
 
 class Information:
-    """The offers of a plan and what they tell of some quantities.
+    """The offers of a plan and what they determine of some quantities.
 
     Args:
         offers: the lines.
@@ -149,12 +149,12 @@ class Information:
         self._scaled = np.array(scaled)
         self.quantities = _quantities(names, volume, chain, plausible, self._design, mixing)
 
-    def standing(self, counts: Vector, told: Vector | None = None) -> Standing:
+    def standing(self, counts: Vector, beyond: Vector | None = None) -> Standing:
         """Return what is uncertain with so many measurements of each offer.
 
         Args:
             counts: shape (offers,).
-            told: information on each mode of the rotations from elsewhere, 1/rad², shape (k,).
+            beyond: information on each mode of the rotations from elsewhere, 1/rad², shape (k,).
         """
         some = np.flatnonzero(counts)
         n = counts[some].astype(np.float64)
@@ -171,8 +171,8 @@ class Information:
             cross = np.tensordot(n, self._cross[some], 1)
             left = solve_triangular(factor[0], cross, lower=True, check_finite=False)
             known = np.tensordot(n, self._turning[some], 1) - left.T @ left
-            if told is not None:
-                known.flat[:: len(known) + 1] += told
+            if beyond is not None:
+                known.flat[:: len(known) + 1] += beyond
             open_to = rows.modes - solved @ cross
             spread = expected_covariance(known, self._size)
             turned = turned + np.sum((open_to @ spread) * open_to, axis=1)

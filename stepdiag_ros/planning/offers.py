@@ -2,7 +2,7 @@
 
 This is the one place where a way of measuring has a price. A line measured at stops takes its moves
 and dwells, and its readings are independent. A line measured in another way is an offer with times
-and a covariance of its own: the search knows nothing else of it.
+and a covariance of its own: the search does not depend on anything else.
 """
 
 from collections.abc import Iterable

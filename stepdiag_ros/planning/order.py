@@ -64,7 +64,7 @@ class Order:
         choice: of these.
         volume: the measured box.
         machine: its rates of drift.
-        paused: lines of one alignment stay together, since it is made anew for others.
+        paused: lines of one alignment stay together, since it is made again for others.
     """
 
     def __init__(

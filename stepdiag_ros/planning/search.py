@@ -224,7 +224,7 @@ class Search:
         return Space(conditions, Exchange(information, self._limits, request.most_repeats // times))
 
     def _quickest(self, volume: Volume) -> Sampling:
-        """Return the sampling whose stops tell most in a second."""
+        """Return the sampling whose stops contribute most in a second."""
         request = self._request
         clock = MoveTimes(request.machine, self._feed(), request.assumptions.settling_s)
         move = clock.move(float(np.mean(volume.step)))

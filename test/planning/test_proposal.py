@@ -64,7 +64,7 @@ def proposed(purpose, **wishes):
     return propose(Request(purpose, MACHINE, **wishes))
 
 
-def usual(blocks=4):
+def usual(blocks=10):
     """Return three linear lines and four step diagonals over the travel of the machine."""
     volume = volume_in(*travel_box(MACHINE, 0.005), blocks)
     scheme = Scheme("", (LINEAR_AXES, FOUR_DIAGONALS))
