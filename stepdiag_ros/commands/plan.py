@@ -1,5 +1,6 @@
 """``stepdiag plan``: proposes a test plan, or states what an existing one will determine."""
 
+import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,9 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.plan import Sampling
     from stepdiag_ros.planning.assessment import Assessment
     from stepdiag_ros.planning.duration import Assumptions
+    from stepdiag_ros.planning.offers import StopNoise
     from stepdiag_ros.planning.proposal import PlanProposal
+    from stepdiag_ros.planning.request import Request
 
 # Not taken from planning, whose numerics every start of the command line would wait for.
 PURPOSES = ("squareness", "straightness", "volumetric", "angular", "iso230-2", "iso230-6", "quick")
@@ -52,7 +55,21 @@ def _add_options(parser: ArgumentParser) -> None:
         default=0.1,
         metavar="UM",
         help="standard uncertainty of one stop in µm, readings and repeatability of the machine"
-        " together (default: 0.1)",
+        " together, that a longer dwell does not improve (default: 0.1)",
+    )
+    parser.add_argument(
+        "--reading-noise",
+        type=_not_negative,
+        default=0.0,
+        metavar="UM",
+        help="standard uncertainty of the mean of one second of readings in µm; it falls with the"
+        " root of the time that is averaged at a stop (default: 0)",
+    )
+    parser.add_argument(
+        "--instrument",
+        metavar="FILE",
+        help="instrument as for 'stepdiag budget', YAML file or a name: its resolution and periodic"
+        " error are added to --noise",
     )
     _add_wishes(parser)
     _add_assumptions(parser)
@@ -62,12 +79,17 @@ def _add_options(parser: ArgumentParser) -> None:
 def _add_wishes(parser: ArgumentParser) -> None:
     group = parser.add_argument_group("wishes, with --for")
     group.add_argument(
-        "--uncertainty",
-        type=_positive,
+        "--until",
         metavar="U",
-        help="required expanded uncertainty (95 %%): µm; for squareness, angular and iso230-6 µm/m",
+        help="expanded uncertainty (95 %%) to be reached, such as 1um or 5um/m of what counts for"
+        " the purpose, or of one quantity: E_XX=0.3um, C0Y=2urad",
     )
-    group.add_argument("--hours", type=_positive, help="longest duration, alignments included")
+    group.add_argument(
+        "--time",
+        type=_duration,
+        metavar="T",
+        help="longest duration, alignments included: 20min, 2h, 1h30min",
+    )
     group.add_argument(
         "--from",
         dest="low",
@@ -97,14 +119,14 @@ def _add_wishes(parser: ArgumentParser) -> None:
     group.add_argument("--repeats", type=_count, help="repeats of every line (default: optimised)")
     group.add_argument("--one-way", action="store_true", help="run every line forward only")
     group.add_argument(
-        "--feed", type=_positive, metavar="M/S", help="feed of moves (default: 0.033)"
+        "--feed", type=_positive, metavar="M/S", help="feed of moves (default: optimised)"
     )
     group.add_argument(
         "--dwell",
         type=_positive,
         metavar="S",
-        help="shortest stay at a stop (default: 1; with --nc 2, of which a quarter stays free for"
-        " the settling of the drives, see docs/by_hand.md)",
+        help="shortest stay at a stop (default: optimised; with --nc 2, of which a quarter stays"
+        " free for the settling of the drives, see docs/by_hand.md)",
     )
     group.add_argument(
         "--overrun",
@@ -121,7 +143,8 @@ def _add_assumptions(parser: ArgumentParser) -> None:
         "--align-linear",
         type=_not_negative,
         metavar="MIN",
-        help="minutes to align laser and mirror for a linear line (default: 10)",
+        help="minutes to align laser and mirror for a linear line (default: 10). If neither this"
+        " nor the next takes time, the plan waits for no alignment and runs the lines in rounds",
     )
     group.add_argument(
         "--align-diagonal",
@@ -187,6 +210,14 @@ def _not_negative(text: str) -> float:
     return number(text, 0.0, 1e6)
 
 
+def _duration(text: str) -> float:
+    found = re.fullmatch(r"(?:([\d.]+)h)?(?:([\d.]+)min)?(?:([\d.]+)s)?", text.replace(" ", ""))
+    if not text.strip() or not found:
+        raise ArgumentTypeError(f"'{text}' is not a time such as 20min, 2h or 1h30min")
+    hours, minutes, seconds = (number(part or "0", 0.0, 1e6) for part in found.groups())
+    return number(str(3600.0 * hours + 60.0 * minutes + seconds), 1.0, 1e7)
+
+
 def _coordinate(text: str) -> float:
     return number(text, -100.0, 100.0)
 
@@ -211,7 +242,7 @@ def run(arguments: Namespace) -> int:
 
     _refuse_what_does_not_go_together(arguments)
     machine = _machine(arguments)
-    stop_uncertainty = arguments.noise * 1e-6
+    noise = _noise(arguments)
     assumptions = _assumptions(arguments)
     proposal: PlanProposal | None = None
     if arguments.check is not None:
@@ -223,10 +254,10 @@ def run(arguments: Namespace) -> int:
             )
         stem = None
     else:
-        proposal = propose(_request(arguments, machine, stop_uncertainty, assumptions))
+        proposal = propose(_request(arguments, machine, noise, assumptions))
         plan = proposal.chosen.plan
         stem = arguments.output or Path(f"{arguments.purpose}_plan.yaml")
-    assessment = assess(plan, machine, stop_uncertainty, assumptions)
+    assessment = assess(plan, machine, noise.of(plan.sampling.window), assumptions)
     files = _files(arguments, assessment, proposal, stem)
     # Refused before anything is printed: the user must not take the plan for written.
     write_new(files, arguments.force)
@@ -251,8 +282,8 @@ def _refuse_what_does_not_go_together(arguments: Namespace) -> None:
     if arguments.check is None:
         return
     wishes = {
-        "uncertainty": "uncertainty",
-        "hours": "hours",
+        "until": "until",
+        "time": "time",
         "low": "from",
         "high": "to",
         "margin": "margin",
@@ -292,8 +323,8 @@ def _assumptions(arguments: Namespace) -> "Assumptions":
 
 
 def _sampling(arguments: Namespace) -> "Sampling | None":
-    """Return how stops are read; None for the usual way."""
-    from stepdiag_ros.planning.proposal import sampling_with
+    """Return how stops are read; None where the search may choose."""
+    from stepdiag_ros.planning.request import sampling_with
 
     by_hand = arguments.nc is not None
     if arguments.dwell is None:
@@ -301,14 +332,29 @@ def _sampling(arguments: Namespace) -> "Sampling | None":
     return sampling_with(arguments.dwell, by_hand)
 
 
+def _noise(arguments: Namespace) -> "StopNoise":
+    """Return how uncertain a stop is, by the options and the instrument."""
+    from math import hypot
+
+    from stepdiag_ros import configuration
+    from stepdiag_ros.planning.offers import StopNoise
+
+    place = arguments.noise * 1e-6
+    if arguments.instrument is not None:
+        laser = configuration.load_instrument(arguments.instrument)[0]
+        known = [one for one in (laser.resolution, laser.periodic_error) if one.known]
+        place = hypot(place, *(one.standard_uncertainty for one in known))
+    return StopNoise(place, arguments.reading_noise * 1e-6)
+
+
 def _request(
-    arguments: Namespace, machine: "Machine", stop_uncertainty: float, assumptions: "Assumptions"
-) -> Any:
-    from stepdiag_ros.planning.proposal import Request
+    arguments: Namespace, machine: "Machine", noise: "StopNoise", assumptions: "Assumptions"
+) -> "Request":
+    from stepdiag_ros.planning.request import Request, limits_of
 
     given: dict[str, Any] = {
-        "uncertainty": None if arguments.uncertainty is None else arguments.uncertainty * 1e-6,
-        "time_limit": None if arguments.hours is None else arguments.hours * 3600.0,
+        "until": None if arguments.until is None else limits_of(arguments.purpose, arguments.until),
+        "time_limit": arguments.time,
         "feed": arguments.feed,
         "margin": arguments.margin,
         "low": None if arguments.low is None else tuple(arguments.low),
@@ -323,7 +369,8 @@ def _request(
     return Request(
         purpose=arguments.purpose,
         machine=machine,
-        stop_uncertainty=stop_uncertainty,
+        stop_uncertainty=noise.place,
+        reading_noise=noise.reading,
         assumptions=assumptions,
         **{name: value for name, value in given.items() if value is not None},
     )
@@ -339,7 +386,7 @@ def _files(
     from stepdiag_ros.planning.moves import program_of
     from stepdiag_ros.planning.nc_writing import Dialect
     from stepdiag_ros.planning.plan_text import plan_text
-    from stepdiag_ros.report.plan_files import picture_bytes
+    from stepdiag_ros.report.plan_files import frontier_bytes, picture_bytes
     from stepdiag_ros.report.tables.plan import head_of_plan
 
     files: dict[Path, bytes] = {}
@@ -361,6 +408,9 @@ def _files(
         picture = stem.with_suffix(".png")
     if picture is not None:
         files[picture] = picture_bytes(assessment.plan, assessment.machine, picture)
+        if proposal is not None and len(proposal.front) > 1:
+            beside = picture.with_stem(f"{picture.stem}_frontier")
+            files[beside] = frontier_bytes(proposal, beside)
     return files
 
 
@@ -372,14 +422,17 @@ COMMAND = Command(
     run,
     help="propose a test plan for a machine, or check a plan",
     description="Propose a test plan for a machine's travel and a purpose: box, steps, lines,"
-    " move orders, repeats. The command shows the duration, the alignments, the visibility and"
+    " move orders, repeats, dwell and feed, by the information that they give per second for this"
+    " machine, instrument and drift, and an order that a run may end early in. The command shows"
+    " the duration, the alignments, the visibility and"
     " expected uncertainty of every error, and what the plan will not determine. It writes the"
     " plan (YAML, for 'stepdiag run --plan'), a picture, and with --nc the program for a machine"
     " that is not connected (ISO 6983 G-code). With --check it shows the same for an existing"
     " plan. Lengths are in metres, times in seconds, as in plan files; uncertainties in µm.",
     epilog="examples:\n"
     "  stepdiag plan --for volumetric --machine my_machine.yaml\n"
-    "  stepdiag plan --for squareness --travel 0.8 0.5 0.4 --chain YXZ --hours 2\n"
-    "  stepdiag plan --for straightness --machine demo --uncertainty 0.1 --nc\n"
+    "  stepdiag plan --for volumetric --machine demo --until 12um --time 2h\n"
+    "  stepdiag plan --for squareness --travel 0.8 0.5 0.4 --chain YXZ --until 20urad\n"
+    "  stepdiag plan --for straightness --machine demo --until 6um --nc\n"
     "  stepdiag plan --check my_plan.yaml --machine my_machine.yaml --nc my_plan.nc",
 )

@@ -30,6 +30,8 @@ class Machine:
             ``plausible``.
         position_window_m: an axis is in position while it is within this distance of its target, m.
         position_hold_s: ... and has been so for this time, s.
+        zero_drift_m_per_s: rate at which the zero of the readings drifts within a pass, m/s.
+        growth_per_s: rate at which the axes grow as they warm up, relative, 1/s.
     """
 
     name: str
@@ -41,6 +43,8 @@ class Machine:
     position_window_m: float = 0.5e-6
     position_hold_s: float = 0.02
     rotations: float = CLASSES[DEFAULT_CLASS]
+    zero_drift_m_per_s: float = 1e-10
+    growth_per_s: float = 5e-10
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any], source: str) -> "Machine":
@@ -77,6 +81,12 @@ class Machine:
                 "position_hold_s", low=0.0, high=60.0, default=cls.position_hold_s
             ),
             rotations=told_rotations(section),
+            zero_drift_m_per_s=section.number(
+                "zero_drift_m_per_s", low=0.0, high=1e-6, default=cls.zero_drift_m_per_s
+            ),
+            growth_per_s=section.number(
+                "growth_per_s", low=0.0, high=1e-6, default=cls.growth_per_s
+            ),
         )
         section.finish()
         for axis, low, high in zip(AXES, machine.travel_low_m, machine.travel_high_m, strict=True):

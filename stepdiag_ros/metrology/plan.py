@@ -1,7 +1,7 @@
 """The test plan: which lines are measured, in which order, with which stops."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -405,7 +405,9 @@ class Plan:
         groups = plan.sections("lines")
         lines = no_more_than(
             MOST_STOPS,
-            (line for group in groups for line in _lines_of_group(group, repeats, directions)),
+            _counted_on(
+                line for group in groups for line in _lines_of_group(group, repeats, directions)
+            ),
             lambda line: len(line.stops(volume)),
             f"{source}: the lines have more than {MOST_STOPS} stops; make several plans",
         )
@@ -486,6 +488,15 @@ def _check_on_the_fly(plan: Plan, source: str) -> None:
                 fault="too_few",
                 about="measurement",
             )
+
+
+def _counted_on(lines: Iterable[Line]) -> Iterator[Line]:
+    """Count the repeats of a line on where it stands in several groups."""
+    done: dict[Line, int] = {}
+    for line in lines:
+        once = replace(line, repeat=0)
+        yield replace(line, repeat=done.get(once, 0))
+        done[once] = done.get(once, 0) + 1
 
 
 def _lines_of_group(group: Section, repeats: int, directions: tuple[str, ...]) -> Iterator[Line]:

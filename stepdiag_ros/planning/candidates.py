@@ -1,7 +1,7 @@
 """The plans among which a proposal is sought: boxes, sets of lines, and what each purpose needs."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,9 @@ from stepdiag_ros.metrology.plan import (
     Volume,
 )
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.target import VOLUMETRIC
 from stepdiag_ros.planning.expectation import POSITIONING, STRAIGHTNESS, PlanExpectation
+from stepdiag_ros.planning.information import STRAIGHTNESS_OF
 
 BLOCKS = (3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
 """Numbers of blocks that are tried."""
@@ -41,10 +43,6 @@ _SMALLEST_STEP = 1e-4
 _FINENESS = (1e-3, 1e-4, 1e-5, 1e-6)
 """Steps are whole multiples of the first of these that wastes less than a hundredth of the box."""
 _WASTE = 0.01
-
-
-VOLUMETRIC = "volumetric"
-"""Stands for all nine translations together, see ``PlanExpectation.volumetric``."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,6 @@ class Scheme:
 
 
 LINEAR_AXES = Group(LINEAR, LINEAR_LINES)
-_THREE_DIAGONALS = Group(STEP_DIAGONAL, BODY_DIAGONALS[:3], ONE_ORDER)
 FOUR_DIAGONALS = Group(STEP_DIAGONAL, BODY_DIAGONALS, ONE_ORDER)
 _FOUR_IN_THREE_ORDERS = Group(STEP_DIAGONAL, BODY_DIAGONALS, THREE_ORDERS)
 _BODY = Group(DIAGONAL, BODY_DIAGONALS)
@@ -101,22 +98,6 @@ EDGE_LINES = tuple(
 )
 """Each linear line at the far end of each of the two other axes: levers for the rotations."""
 
-_STEP_SCHEMES = (
-    Scheme("3 step diagonals and linear axes", (LINEAR_AXES, _THREE_DIAGONALS)),
-    Scheme("4 step diagonals", (FOUR_DIAGONALS,)),
-    Scheme("4 step diagonals and linear axes", (LINEAR_AXES, FOUR_DIAGONALS)),
-    Scheme(
-        "4 step diagonals in 3 orders and linear axes",
-        (LINEAR_AXES, _FOUR_IN_THREE_ORDERS),
-        one_alignment=True,
-    ),
-)
-_DIRECT_SCHEMES = (
-    Scheme("4 body diagonals", (_BODY,)),
-    Scheme("4 body diagonals and linear axes", (LINEAR_AXES, _BODY)),
-    Scheme("6 face diagonals", (_FACES,)),
-    Scheme("6 face diagonals and linear axes", (LINEAR_AXES, _FACES)),
-)
 _ANGULAR_SCHEMES = (
     Scheme("4 step diagonals in 3 orders, each with its own alignment", (_FOUR_IN_THREE_ORDERS,)),
     Scheme(
@@ -146,7 +127,8 @@ class PlanPurpose:
         target: name of the quantity whose uncertainty counts, for people.
         needed: names of what the plan must determine; empty: as many as any candidate does.
         unit: of the target, ``m`` or ``rad``.
-        schemes: sets of lines that are tried.
+        kinds: of lines among which an exchange seeks the plan; empty: one of ``schemes`` is taken.
+        schemes: sets of lines that are tried, where a standard or a model prescribes them.
         spacing: largest distance between nodes of an axis as a share of the longest side of the
             box, or, if a standard fixes it, in ``spacing_m``.
         spacing_m: largest distance between targets along a line, m; inf if ``spacing`` counts.
@@ -160,7 +142,8 @@ class PlanPurpose:
     target: str
     needed: tuple[str, ...]
     unit: str
-    schemes: tuple[Scheme, ...]
+    kinds: tuple[str, ...] = ()
+    schemes: tuple[Scheme, ...] = ()
     spacing: float = math.inf
     spacing_m: float = math.inf
     repeats: tuple[int, ...] = REPEATS
@@ -168,17 +151,27 @@ class PlanPurpose:
     overrun: bool = False
     rotations: bool = False
 
-    def uncertainties(self, expectation: PlanExpectation) -> dict[str, float]:
-        """Return the standard uncertainties of what counts for this purpose, by name, SI."""
-        known = {
-            **expectation.squareness,
-            **expectation.straightness,
-            **expectation.positioning,
-            **expectation.angular,
-            VOLUMETRIC: expectation.volumetric,
-        }
-        names = self.needed or tuple(ROTATIONS)
-        return {name: known[name] for name in names}
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Return the names of the quantities whose largest uncertainty counts."""
+        return (VOLUMETRIC,) if VOLUMETRIC in self.needed else self.needed or tuple(ROTATIONS)
+
+
+def of_expectation(expectation: PlanExpectation, names: Iterable[str]) -> dict[str, float]:
+    """Return expected standard uncertainties by name, SI.
+
+    Args:
+        expectation: of a plan.
+        names: as of ``Information``.
+    """
+    known = {
+        **expectation.squareness,
+        **{STRAIGHTNESS_OF + name: u for name, u in expectation.straightness.items()},
+        **expectation.positioning,
+        **expectation.angular,
+        VOLUMETRIC: expectation.volumetric,
+    }
+    return {name: known[name] for name in names}
 
 
 _FIVE_PER_METRE = 0.2
@@ -190,23 +183,23 @@ PURPOSES: dict[str, PlanPurpose] = {
         "the squareness",
         SQUARENESS,
         "rad",
-        (*_DIRECT_SCHEMES, *_STEP_SCHEMES),
+        kinds=(LINEAR, DIAGONAL),
         spacing=0.26,
     ),
     "straightness": PlanPurpose(
         "the six straightness deviations",
         "the straightness",
-        STRAIGHTNESS,
+        tuple(STRAIGHTNESS_OF + name for name in STRAIGHTNESS),
         "m",
-        _STEP_SCHEMES,
+        kinds=(LINEAR, STEP_DIAGONAL),
         spacing=0.1,
     ),
     "volumetric": PlanPurpose(
         "all nine translational errors, to correct a machine with",
         "the error of the mirror's point anywhere in the box",
-        (*POSITIONING, *STRAIGHTNESS, *SQUARENESS, VOLUMETRIC),
+        (*TRANSLATIONS, *SQUARENESS, VOLUMETRIC),
         "m",
-        _STEP_SCHEMES,
+        kinds=(LINEAR, STEP_DIAGONAL),
         spacing=0.1,
     ),
     "angular": PlanPurpose(
@@ -214,7 +207,7 @@ PURPOSES: dict[str, PlanPurpose] = {
         "the angular errors",
         (),
         "rad",
-        _ANGULAR_SCHEMES,
+        schemes=_ANGULAR_SCHEMES,
         spacing=0.1,
         rotations=True,
     ),
@@ -223,7 +216,7 @@ PURPOSES: dict[str, PlanPurpose] = {
         "the positioning",
         POSITIONING,
         "m",
-        (Scheme("linear axes, 5 bidirectional runs", (LINEAR_AXES,)),),
+        schemes=(Scheme("linear axes, 5 bidirectional runs", (LINEAR_AXES,)),),
         spacing_m=_FIVE_PER_METRE,
         repeats=_FIVE_RUNS,
         overrun=True,
@@ -233,7 +226,7 @@ PURPOSES: dict[str, PlanPurpose] = {
         "the squareness",
         SQUARENESS,
         "rad",
-        (
+        schemes=(
             Scheme("4 body diagonals, 5 bidirectional runs", (_BODY,)),
             Scheme("4 body and 6 face diagonals, 5 bidirectional runs", (_BODY, _FACES)),
         ),
@@ -246,7 +239,7 @@ PURPOSES: dict[str, PlanPurpose] = {
         "the error of the mirror's point anywhere in the box",
         (*TRANSLATIONS, VOLUMETRIC),
         "m",
-        _STEP_SCHEMES[:3],
+        kinds=(LINEAR, STEP_DIAGONAL),
         spacing=0.26,
         repeats=(1,),
         directions=(FORWARD,),
@@ -361,13 +354,12 @@ def lines_of(
     return tuple(lines)
 
 
-def target_spacing(scheme: Scheme, volume: Volume) -> float:
-    """Return the largest distance between targets along the lines of a scheme, m."""
+def target_spacing(lines: Iterable[Line], volume: Volume) -> float:
+    """Return the largest distance between targets along some lines, m."""
     step = np.asarray(volume.step)
     largest = 0.0
-    for group in scheme.groups:
-        for name in group.names:
-            moved = step[line_signs(name) != 0]
-            along = np.linalg.norm(moved) if group.kind == DIAGONAL else np.max(moved)
-            largest = max(largest, float(along))
+    for line in lines:
+        moved = step[line_signs(line.name) != 0]
+        along = np.linalg.norm(moved) if line.kind == DIAGONAL else np.max(moved)
+        largest = max(largest, float(along))
     return largest

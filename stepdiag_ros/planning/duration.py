@@ -39,6 +39,10 @@ class Assumptions:
                     f"{name} is {getattr(self, name):g} s; expected 0 or more", fault="out_of_range"
                 )
 
+    def alignment_s(self, kind: str) -> float:
+        """Return the time to align laser and mirror for a line of a kind, s."""
+        return self.linear_alignment_s if kind == LINEAR else self.diagonal_alignment_s
+
 
 @dataclass(frozen=True)
 class LineDuration:
@@ -181,10 +185,7 @@ def duration(
         aligned = one.new_setup and plan.pause_for_setup
         alignment = 0.0
         if aligned:
-            linear = one.line.kind == LINEAR
-            alignment = (
-                assumptions.linear_alignment_s if linear else assumptions.diagonal_alignment_s
-            )
+            alignment = assumptions.alignment_s(one.line.kind)
         if one.targets not in known:
             known[one.targets] = _pass_times(one, clock)
         run_up, moves = known[one.targets]

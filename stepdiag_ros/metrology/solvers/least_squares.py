@@ -59,7 +59,16 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
         NotDeterminable: there is no reading at all.
         ValueError: the lines contradict the volume or each other.
     """
-    both = turned(measurement, observe(measurement))
+    return result_of(measurement, turned(measurement, observe(measurement)))
+
+
+def result_of(measurement: Measurement, both: Turned) -> VolumetricErrors:
+    """Return the volumetric errors by a fit with rotations beside it.
+
+    Args:
+        measurement: the lines.
+        both: fit of them.
+    """
     design, fit, rotations = both.design, both.fit, both.rotations
     observations = design.observations
     remarks = [*_noise_remarks(design, rotations.noise_factor), *_direct_remarks(design)]

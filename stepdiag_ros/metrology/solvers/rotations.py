@@ -387,6 +387,26 @@ def plausible_rotations(
     return rotations, change
 
 
+def expected_covariance(information: Vector, plausible: float) -> Vector:
+    """Return the covariance of the modes' factors to be expected if axes turn as is plausible.
+
+    That of ``plausible_rotations`` with the mean squares of v·b, λ + s² λ², in place of squares.
+
+    Args:
+        information: of the factors beyond all that is free, 1/rad², shape (k, k).
+        plausible: size of the rotations, rad.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    values = np.where(values > _RANK_LIMIT * np.max(values, initial=0.0), values, 0.0)
+    square = values + (plausible * values) ** 2
+    share, sizes = _sizes(values, np.sqrt(square), plausible)
+    shrunk = share @ _given(sizes, values)
+    given = _given(np.maximum(sizes, plausible), values)
+    spread = share @ given + share @ (given - shrunk) ** 2 * square
+    covariance: Vector = (vectors * spread) @ vectors.T
+    return covariance
+
+
 def _given(sizes: Vector, values: Vector) -> Vector:
     """Return the variance that each size leaves to each factor, rad², shape (m, k)."""
     square = sizes[:, None] ** 2

@@ -4,9 +4,10 @@ from typing import Any
 
 from stepdiag_ros import schemas
 from stepdiag_ros.metrology import plan as plans
-from stepdiag_ros.planning import proposal as proposals
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.duration import PlanDuration
+from stepdiag_ros.planning.proposal import PlanProposal
+from stepdiag_ros.planning.request import PlanCandidate
 from stepdiag_ros.report.documents.run import visibility_part
 from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.plan import (
@@ -47,17 +48,19 @@ def _plan(plan: plans.Plan) -> Plan:
     )
 
 
-def _candidate(candidate: proposals.PlanCandidate) -> Candidate:
+def _candidate(candidate: PlanCandidate) -> Candidate:
     return Candidate(
-        lines=candidate.scheme.words,
+        lines=candidate.words,
         blocks=candidate.plan.volume.blocks,
         passes=len(candidate.plan.lines),
         duration=candidate.duration.total,
         expanded_uncertainty=candidate.uncertainty,
+        expanded_drift=candidate.drift,
+        limited_by=candidate.limited or None,
     )
 
 
-def _proposal(proposal: proposals.PlanProposal) -> Proposal:
+def _proposal(proposal: PlanProposal) -> Proposal:
     return Proposal(
         purpose=proposal.request.purpose,
         reason=proposal.reason,
@@ -69,7 +72,7 @@ def _proposal(proposal: proposals.PlanProposal) -> Proposal:
 
 
 def assessment_document(
-    assessment: Assessment, proposal: proposals.PlanProposal | None = None
+    assessment: Assessment, proposal: PlanProposal | None = None
 ) -> dict[str, Any]:
     """Return all that is known of a plan before it is run as a mapping that ``json`` can write.
 
@@ -101,6 +104,6 @@ def assessment_document(
     return schemas.document("plan", content)
 
 
-def assessment_json(assessment: Assessment, proposal: proposals.PlanProposal | None = None) -> str:
+def assessment_json(assessment: Assessment, proposal: PlanProposal | None = None) -> str:
     """Return the JSON text; see ``assessment_document``."""
     return schemas.json_text(assessment_document(assessment, proposal))

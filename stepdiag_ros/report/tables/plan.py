@@ -1,6 +1,7 @@
 """A plan before it is run as text tables: what it costs, what it will determine and what not."""
 
 from itertools import groupby
+from math import isfinite
 
 from stepdiag_ros import __version__
 from stepdiag_ros.metrology.checking import FASTEST_FEED
@@ -11,13 +12,8 @@ from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.duration import LineDuration, PlanDuration
 from stepdiag_ros.planning.mirror import mirror_width
-from stepdiag_ros.planning.proposal import (
-    PlanCandidate,
-    PlanProposal,
-    hours,
-    size_words,
-    target_uncertainty,
-)
+from stepdiag_ros.planning.proposal import PlanProposal, hours, size_words
+from stepdiag_ros.planning.request import PlanCandidate
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
@@ -130,25 +126,31 @@ def visibility_table(assessment: Assessment) -> Table:
 
 
 def alternatives_table(proposal: PlanProposal) -> Table:
-    """Return the candidates that are worth a thought, the chosen one marked."""
+    """Return the frontier of uncertainty against time, with the chosen plan marked."""
     purpose = PURPOSES[proposal.request.purpose]
     table = new_table(
-        "Quicker or better plans, U (95 %) by noise alone",
-        *("lines", "blocks", "repeats", "align", "duration", "U"),
+        "Quicker and better plans: expected U (95 %), and what each minute more than the row above"
+        " buys",
+        *("lines", "blocks", "repeats", "align", "duration", "U", "each minute"),
     )
-    shown = list(proposal.front)
-    if all(one is not proposal.chosen for one in shown):
-        shown.append(proposal.chosen)
-    for one in sorted(shown, key=lambda one: one.duration.total):
+    shown = [one for one in proposal.front if one.plan != proposal.chosen.plan]
+    before: PlanCandidate | None = None
+    for one in sorted((*shown, proposal.chosen), key=lambda one: one.duration.total):
         mark = "  <- chosen" if one is proposal.chosen else ""
+        gained = ""
+        if before is not None and one.duration.total > before.duration.total:
+            minutes = (one.duration.total - before.duration.total) / 60.0
+            gained = size_words((before.uncertainty - one.uncertainty) / minutes, purpose.unit)
         table.add_row(
-            one.scheme.words + mark,
+            one.words + mark,
             str(one.plan.volume.blocks),
             str(_repeats(one)),
             str(one.duration.alignments),
             hours(one.duration.total),
             size_words(one.uncertainty, purpose.unit),
+            gained,
         )
+        before = one
     return table
 
 
@@ -186,20 +188,26 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
         )
     if proposal is not None:
         purpose, chosen = PURPOSES[proposal.request.purpose], proposal.chosen
-        by_noise = size_words(chosen.uncertainty, purpose.unit)
-        expected, about = by_noise, " by the noise of the stops alone"
+        expected = size_words(chosen.uncertainty, purpose.unit)
+        about = " with all rotations in the model, by the noise of the stops alone"
         if not purpose.rotations:
-            whole = target_uncertainty(purpose, assessment.with_rotations, chosen.determined)
-            expected = size_words(whole, purpose.unit)
             about = (
                 f" with pitch, yaw and roll of {_microradians(assessment)} (rotations, as in the"
-                " machine file or its default), as far as these lines do not determine them;"
-                f" {by_noise}{about}, by which plans are compared here"
+                " machine file or its default), as far as these lines do not determine them"
             )
+        of = next(iter(proposal.request.until), "") if len(proposal.request.until) == 1 else ""
+        figure = of if of in purpose.needed[:-1] else purpose.target
         sentences.append(
-            f"For {purpose.words}: expected uncertainty (95 %) of {purpose.target} {expected}"
+            f"For {purpose.words}: expected uncertainty (95 %) of {figure} {expected}"
             f"{about}. This plan is {proposal.reason}."
         )
+        if chosen.limited:
+            sentences.append(f"What limits it most: {chosen.limited}.")
+        if isfinite(chosen.drift):
+            sentences.append(
+                f"Drift at the machine's rate (zero_drift_m_per_s, growth_per_s) may add"
+                f" {size_words(chosen.drift, purpose.unit)} in this order of the lines."
+            )
         sentences += [f"Not taken: {words}." for words in proposal.discarded]
     return sentences
 
