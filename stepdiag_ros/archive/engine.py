@@ -1,6 +1,7 @@
 """The same work on many things, by Dask: in processes on this computer, or on a cluster."""
 
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +16,9 @@ Value = TypeVar("Value")
 _AHEAD = 4
 """Tasks that each thread of a worker is given in advance. Only these are held at a time."""
 _PATIENCE = 30
-"""s to wait for a scheduler, and for its first worker."""
+"""s to wait for a scheduler, for its first worker, and for another one after the last is lost."""
+_LOOK = 1.0
+"""s between two looks whether there are workers, while none has done anything."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ def each(
         engine: where.
 
     Raises:
-        ValueError: the scheduler cannot be reached, or has no worker.
+        ValueError: the scheduler cannot be reached, or has no worker, or all workers are lost.
     """
     rest = iter(items)
     first = list(islice(rest, 2))
@@ -93,7 +96,9 @@ def _by_dask(
             yield future
 
     running = as_completed(futures(ahead))
-    for future in running:
+    while not running.is_empty():
+        _wait(running, client)
+        future = next(running)
         item = given.pop(future.key)
         if future.status == "finished":
             done = Done(item, future.result())
@@ -102,6 +107,28 @@ def _by_dask(
         del future
         yield done
         running.update(futures(1))
+
+
+def _wait(running: Any, client: Any) -> None:
+    """Wait until a task is done.
+
+    Raises:
+        ValueError: there has been no worker for some time, so that none will ever be.
+    """
+    alone, looked = time.monotonic(), 0.0
+    while not running.has_ready():
+        if time.monotonic() - looked > _LOOK:
+            looked = time.monotonic()
+            if client.nthreads():
+                alone = looked
+            elif looked - alone > _PATIENCE:
+                raise Refusal(
+                    f"all workers are lost, and none has come for {_PATIENCE} s: give the command"
+                    " again; what is done stays done",
+                    fault="lost",
+                    aspect="workers",
+                )
+        time.sleep(0.005)
 
 
 @contextmanager

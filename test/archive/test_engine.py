@@ -60,6 +60,16 @@ def test_a_scheduler_that_is_not_there_or_has_no_workers_is_named(monkeypatch):
             list(each(abs, [1], Engine(scheduler=address)))
 
 
+def test_who_has_lost_all_workers_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(engine, "_PATIENCE", 2)
+    with local_cluster(1) as made:
+        done = each(work_of_a_while, range(1000), Engine(scheduler=made.scheduler_address))
+        next(done)
+        made.scale(0)
+        with refused(Refusal, "lost", aspect="workers"):
+            list(done)
+
+
 def test_processes_are_started_where_there_are_several_things():
     found = list(each(work_of_a_while, range(3), Engine(workers=2)))
     assert sorted(one.value[0] for one in found) == [0, 1, 2]
