@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stepdiag_ros.metrology.units import IN_MICRO
-from stepdiag_ros.plots.style import AFTER, GREY, Sheet, panel_title, scales
+from stepdiag_ros.plots.style import AFTER, GREY, Sheet, scales
 
 
 def frontier(
@@ -43,8 +43,7 @@ def frontier(
         markersize=6.0,
         label="proposed",
     )
-    panel.set_yscale("log")
-    panel_title(panel, "")
+    panel.set_ylim(bottom=0.0)
     scales(panel, "duration with alignments / min", f"U / {'µm' if unit == 'm' else '(µm/m)'}")
     heading = "What each further minute buys" if title is None else title
     return sheet.finish(
