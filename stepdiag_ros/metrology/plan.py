@@ -491,9 +491,15 @@ def _check_on_the_fly(plan: Plan, source: str) -> None:
 
 
 def _counted_on(lines: Iterable[Line]) -> Iterator[Line]:
-    """Count the repeats of a line on where it stands in several groups."""
+    """Count the repeats of a line on where it stands in several groups.
+
+    Lines of a tracker are left as they are: two of one name may have different places.
+    """
     done: dict[Line, int] = {}
     for line in lines:
+        if line.tracked is not None:
+            yield line
+            continue
         once = replace(line, repeat=0)
         yield replace(line, repeat=done.get(once, 0))
         done[once] = done.get(once, 0) + 1

@@ -2,6 +2,7 @@
 
 import os
 from unittest import mock
+from uuid import uuid4
 
 import fsspec
 import pytest
@@ -41,8 +42,10 @@ def store():
         "NO_PROXY": "127.0.0.1",
     }
     with mock.patch.dict(os.environ, told):
-        fsspec.filesystem("s3", skip_instance_cache=True).mkdir("plant")
+        # All servers of a process have the same buckets.
+        bucket = f"plant-{uuid4().hex}"
+        fsspec.filesystem("s3", skip_instance_cache=True).mkdir(bucket)
         fsspec.get_filesystem_class("s3").clear_instance_cache()
-        yield Place("s3://plant/machines")
+        yield Place(f"s3://{bucket}/machines")
     fsspec.get_filesystem_class("s3").clear_instance_cache()
     server.stop()

@@ -206,8 +206,9 @@ def test_the_catalogue_is_whole_whenever_a_process_is_killed(folder, bags, tmp_p
         process.join(120)
         assert process.exitcode == 0
     longest = time.monotonic() - started
-    known = 6
-    for moment in range(moments):
+    known, moment = 6, 0
+    while moment < moments or known == 6:
+        moment += 1
         further = [tmp_path / f"{moment} {number}.mcap" for number in range(6)]
         for path in further:
             path.write_bytes(path.name.encode())
@@ -219,11 +220,12 @@ def test_the_catalogue_is_whole_whenever_a_process_is_killed(folder, bags, tmp_p
             assert opened.incomplete_parts() == [] and work._different(opened) == []
             found = [row["bag_sha256"] for row in opened.ask("select bag_sha256 from runs")]
         assert len(found) == len({*found}) >= known
+        # A computer that is slower now than it was at first gets as far later.
+        longest *= 1.0 if len(found) > known else 1.2
         known = len(found)
         assert {*found} <= {*work.bags_of(folder)}
     outcomes = list(work.update(folder, HERE)[1])
     assert not [one for one in outcomes if one.problem] and wrong(folder) == []
-    assert known > 6
 
 
 def test_rows_are_not_made_where_the_bag_changes_meanwhile(folder, bags, monkeypatch):
