@@ -62,7 +62,7 @@ def worst_error(
         expanded_uncertainty = COVERAGE_FACTOR * worst.standard_uncertainty
     error_map = VolumetricMap.of_result(result, chain)
     low, high = error_map.low, error_map.high
-    sheet = Sheet(1, 1, 3.1, axes=axes, width=4.7, left=0.1, right=0.8, bottom=0.05)
+    sheet = Sheet(1, 1, 3.1, axes=axes, width=5.0, left=0.1, right=1.1, bottom=0.05)
     (panel,) = sheet.panels
     wall = _walls(panel, error_map, worst.value)
     add_wires(panel, box_edges(low, high), colors="0.55", linewidths=0.8)
@@ -91,7 +91,7 @@ def _scale(figure: Figure, beside: Axes, wall: PolyCollection, largest: float) -
     place = beside.get_position()
     width = float(figure.get_figwidth())
     axes = figure.add_axes(
-        (place.x1 + 0.1 / width, place.y0 + 0.15 * place.height, 0.13 / width, 0.7 * place.height)
+        (place.x1 + 0.4 / width, place.y0 + 0.15 * place.height, 0.13 / width, 0.7 * place.height)
     )
     bar = figure.colorbar(wall, cax=axes)
     ends = (0.0, 0.5 * largest, largest)
