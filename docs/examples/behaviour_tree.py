@@ -8,8 +8,10 @@ them. Nothing proven, or more acts than the errors: call service. Ctrl-C stops t
 """
 
 import select
+import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Generator
 
 import py_trees
@@ -129,14 +131,16 @@ def tree(cell: Cell, plan: str, control: str) -> Sequence:
 
 def main() -> int:
     """Tick the tree to its end, and show it."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C halts the tree
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    halt = threading.Event()
+    # An exception could strike while the answer to the goal is read: nobody could cancel it then.
+    signal.signal(signal.SIGINT, lambda *_: halt.set())
     cell = Cell()
     root = tree(cell, *remove_ros_args(sys.argv)[1:])
-    try:
-        while root.status not in (Status.SUCCESS, Status.FAILURE):
-            rclpy.spin_once(cell, timeout_sec=0.1)
-            root.tick_once()
-    except KeyboardInterrupt:
+    while root.status not in (Status.SUCCESS, Status.FAILURE) and not halt.is_set():
+        rclpy.spin_once(cell, timeout_sec=0.1)
+        root.tick_once()
+    if halt.is_set():
         root.stop(Status.INVALID)
     print(py_trees.display.unicode_tree(root, show_status=True))
     return 0 if root.children[-1].children[0].status == Status.SUCCESS else 1

@@ -10,6 +10,7 @@ from std_srvs.srv import Trigger
 
 from stepdiag_ros import topics
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.nodes import interrupts
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.measure_action import START_PATIENCE, measure_type
 from stepdiag_ros.run.supervision import OPERATOR_ROLE
@@ -80,7 +81,8 @@ class OperatorNode(StepdiagNode):
         while not done():
             if self.real_time() > deadline:
                 return False
-            rclpy.spin_once(self, timeout_sec=0.1)
+            with interrupts.held():
+                rclpy.spin_once(self, timeout_sec=0.1)
         return True
 
     def call(self, service: str) -> str:
@@ -112,12 +114,20 @@ class OperatorNode(StepdiagNode):
 
         Raises:
             ValueError: the sequencer refuses, and says why, or nobody answers.
+            KeyboardInterrupt: as asked; the goal is cancelled.
         """
         if not self.spin_until(self._action.server_is_ready, SERVICE_LIMIT):
             namespace = self.get_namespace().rstrip("/")
             raise ValueError(f"there is no server for the action {namespace}/sequencer/measure")
         goal = self._new_goal(plan=plan, until=until)
         sent = self._action.send_goal_async(goal, self._on_feedback)
+        try:
+            return self._begun(sent)
+        except KeyboardInterrupt:
+            self._withdraw(sent)
+            raise
+
+    def _begun(self, sent: Any) -> str:
         if not self.spin_until(sent.done, SERVICE_LIMIT):
             # Whoever is told that nothing was started must not see a machine move later.
             sent.add_done_callback(lambda late: late.result().cancel_goal_async())
@@ -144,6 +154,11 @@ class OperatorNode(StepdiagNode):
         if self.last_state is not None:
             self._on_state(self.last_state)
         return self.started_run
+
+    def _withdraw(self, sent: Any) -> None:
+        if self.spin_until(sent.done, SERVICE_LIMIT) and sent.result().accepted:
+            cancelled = sent.result().cancel_goal_async()
+            self.spin_until(cancelled.done, SERVICE_LIMIT)
 
     def cancel(self) -> None:
         """Have the machine stopped at once and the run ended that this operator has started.

@@ -1,6 +1,5 @@
 """The command line as a part of the ROS graph."""
 
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -23,8 +22,9 @@ def in_graph(namespace: str = "") -> Iterator[None]:
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    from stepdiag_ros.nodes import interrupts
+
+    with interrupts.raised():
         try:
             arguments = ["--ros-args", "--enclave", f"{ENCLAVE}/operator"]
             # Which client library is in use is for the logs of nodes, not for a short command.
@@ -33,7 +33,7 @@ def in_graph(namespace: str = "") -> Iterator[None]:
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:
             raise ValueError(str(error)) from error
-        yield
-    finally:
-        rclpy.try_shutdown()
-        signal.signal(signal.SIGTERM, before)
+        try:
+            yield
+        finally:
+            rclpy.try_shutdown()

@@ -19,6 +19,7 @@ from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.target import TargetStanding, TargetState
+from stepdiag_ros.nodes import interrupts
 from stepdiag_ros.run.sequence import Progress, State
 
 EXECUTING, SUCCEEDED, CANCELED, ABORTED = 2, 4, 5, 6
@@ -162,6 +163,32 @@ def test_cancelling_ends_the_run(bench):
     response = bench.get(answer)
     assert response.status == CANCELED and response.result.outcome == ABORTED_OUTCOME
     assert response.result.text == bench.reasons[0] and response.result.run_id == "run 1"
+
+
+def test_an_operator_who_is_interrupted_while_a_run_begins_leaves_none(bench, monkeypatch):
+    import rclpy
+
+    from stepdiag_ros.nodes.operator import OperatorNode
+
+    operator = OperatorNode()
+    bench.executor.add_node(operator)
+    spin_once = bench.executor.spin_once
+    monkeypatch.setattr(rclpy, "spin_once", lambda _, timeout_sec: spin_once(timeout_sec))
+    monkeypatch.setattr(operator, "_begun", lambda _: signal.raise_signal(signal.SIGINT))
+    with interrupts.raised(), pytest.raises(KeyboardInterrupt):
+        operator.start()
+    assert bench.reasons == ["cancelled by the client that requested the run"]
+
+
+def test_an_interrupt_waits_until_a_message_is_handled():
+    handled = []
+    with interrupts.raised():
+        with pytest.raises(KeyboardInterrupt), interrupts.held():
+            signal.raise_signal(signal.SIGTERM)
+            handled.append("message")
+        with interrupts.held():
+            handled.append("the next")
+    assert handled == ["message", "the next"]
 
 
 def test_a_run_that_somebody_else_aborts_aborts_its_goal(bench):
