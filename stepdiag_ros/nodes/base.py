@@ -23,6 +23,7 @@ from stepdiag_ros.run.supervision import (
     BYSTANDERS,
     HEARTBEAT_PERIOD,
     HELD,
+    MISSES,
     REFUSES,
     TIME_SOURCE,
     Peer,
@@ -65,6 +66,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.facts = self.health.facts
         self._clockwork = Clockwork(simulated=bool(self.get_parameter("use_sim_time").value))
         self.facts[TIME_SOURCE] = self._clockwork.source
+        self.health.live_facts[MISSES] = lambda: self.watch.missed
         self.health.add_task("clock", self._judge_clock)
         self.health.add_task("links", self._judge_links)
         self.listen(DIAGNOSTICS, self._on_diagnostics)

@@ -174,7 +174,8 @@ class SequencerNode(StepdiagNode):
         """Go on after a pause, a setup or a fault."""
         sequence = self._running()
         sequence.check_resumable()
-        missing = self.watch.missing(self._needed) or self._unknown_of_machine()
+        missing = self.watch.missing(self._needed) or self.watch.deaf(self._needed)
+        missing = missing or self._unknown_of_machine()
         if missing:
             raise Refusal(f"cannot resume: {'; '.join(missing)}", fault="not_ready")
         self._sessions = self.watch.sessions()

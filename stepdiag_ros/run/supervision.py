@@ -1,7 +1,7 @@
 """Who takes part in a run and who has fallen silent, from heartbeats alone."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from math import inf
 
@@ -29,6 +29,8 @@ GETTING_READY = "getting_ready"
 WORKER_LIMIT = 10.0
 """Real seconds without a heartbeat after which results that a node owes are not waited for any
 more: after a run nothing moves, and a computer that is busy with the last results is not a loss."""
+MISSES = "misses"
+"""Fact by which a node names the nodes that it does not hear at present, in full."""
 CLOCK_ROLE = "clock"
 """Role of the node that publishes simulated time."""
 BY_HAND_ROLE = "by_hand"
@@ -239,6 +241,29 @@ class Watch:
         """
         owing = (peer for peer in self.peers.values() if peer.facts.get(WORK_LEFT, "0") != "0")
         return sorted({peer.role for peer in owing if now - peer.last_seen < WORKER_LIMIT})
+
+    @property
+    def missed(self) -> str:
+        """The names of the nodes that are silent and should not be, as ``MISSES`` says them."""
+        return " ".join(sorted(n for n in self.lost if self.peers[n].role not in UNMISSED))
+
+    def deaf(self, roles: Collection[str]) -> list[str]:
+        """Return a sentence for each pair of nodes of these roles of which one misses the other.
+
+        A process that was stopped for long is discovered anew by each of the others in its turn.
+        What a node publishes before that never arrives there.
+        """
+        alive = {
+            name: peer
+            for name, peer in self.peers.items()
+            if peer.role in roles and name not in self.lost
+        }
+        return [
+            f"the {peer.role} does not hear the {alive[missed].role} yet"
+            for peer in alive.values()
+            for missed in peer.facts.get(MISSES, "").split()
+            if missed in alive
+        ]
 
     def missing(self, roles: tuple[str, ...]) -> list[str]:
         """Return a sentence for each of these roles that no healthy node fills."""

@@ -52,7 +52,7 @@ class Look:
     """What one look at a beginning run has found.
 
     Attributes:
-        begins: every node has taken it up.
+        begins: every node has taken it up, and hears the others.
         text: what is waited for, and what to do where a node is silent.
         gives_up: it is not waited for any more.
     """
@@ -91,7 +91,8 @@ class TakingUp:
             if watch.peers[name].role in self._needed and not watch.present(watch.peers[name].role)
         ]
         behind = [role for role in self._followers if not watch.present(role, self._run_id)]
-        if not behind and not silent:
+        deaf = watch.deaf(self._needed)
+        if not behind and not silent and not deaf:
             return Look(begins=True)
         for peer in watch.peers.values():
             why = said_of_run(peer, REFUSES, self._run_id)
@@ -102,8 +103,11 @@ class TakingUp:
             return Look(False, f"{'; '.join(silent)}: {REMEDY}", over)
         names = ", ".join(behind)
         if over:
-            return Look(False, f"{names} did not take up the run", gives_up=True)
-        return Look(False, f"waiting for {names} to take up the run")
+            why = f"{names} did not take up the run" if behind else "; ".join(deaf)
+            return Look(False, why, gives_up=True)
+        if behind:
+            return Look(False, f"waiting for {names} to take up the run")
+        return Look(False, f"waiting: {'; '.join(deaf)}")
 
 
 def starting_words(unheard: Sequence[str], stopped: dict[str, int], waited: float) -> str:

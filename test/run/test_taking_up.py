@@ -2,7 +2,7 @@
 
 import pytest
 
-from stepdiag_ros.run.supervision import REFUSES, SILENCE_LIMIT, Peer, Watch
+from stepdiag_ros.run.supervision import MISSES, REFUSES, SILENCE_LIMIT, Peer, Watch
 from stepdiag_ros.run.taking_up import (
     HELD_LIMIT,
     TAKE_UP_LIMIT,
@@ -22,7 +22,7 @@ class Nodes:
     def __init__(self):
         self.watch, self.now = Watch(), 0.0
         self.runs = dict.fromkeys((*ROLES, "interferometer"), "")
-        self.silent = set()
+        self.silent, self.facts = set(), {}
         self.taking_up = TakingUp(RUN, ROLES, ("interferometer",))
 
     def look(self):
@@ -30,7 +30,9 @@ class Nodes:
         self.now += PERIOD
         for role, run in self.runs.items():
             if role not in self.silent:
-                self.watch.heard(f"/{role}", Peer(role, self.now, f"session of {role}", run))
+                peer = Peer(role, self.now, f"session of {role}", run)
+                peer.facts = self.facts.get(role, {})
+                self.watch.heard(f"/{role}", peer)
         self.watch.check(self.now)
         return self.taking_up.look(self.watch, self.now)
 
@@ -102,6 +104,24 @@ def test_a_silent_node_is_named_within_three_seconds_and_the_run_goes_on_when_it
         assert not found.gives_up
     take_up(nodes, asleep)
     assert nodes.look().begins
+
+
+def test_a_run_waits_until_each_node_hears_the_one_that_woke(nodes):
+    take_up(nodes, *ROLES)
+    nodes.facts["solver"] = {MISSES: "/recorder /gone"}
+    found = nodes.look()
+    assert not found.begins and not found.gives_up
+    assert "solver" in found.text and "recorder" in found.text
+    # One that is lost to all is judged by its silence, and may have been replaced.
+    nodes.facts["solver"] = {MISSES: "/gone"}
+    assert nodes.look().begins
+
+
+def test_a_run_whose_nodes_never_hear_each_other_ends(nodes):
+    take_up(nodes, *ROLES)
+    nodes.facts["solver"] = {MISSES: "/recorder"}
+    waited, found = nodes.until(lambda look: look.gives_up, 2 * TAKE_UP_LIMIT)
+    assert waited == pytest.approx(TAKE_UP_LIMIT, abs=3 * PERIOD) and "recorder" in found.text
 
 
 def test_a_run_is_not_held_for_ever(nodes):
