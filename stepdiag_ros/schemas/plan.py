@@ -34,6 +34,17 @@ class Plan:
     overrun: Annotated[float, means("m.")]
     one_alignment_per_diagonal: bool
     lines: Sequence[Line]
+    measurement: (
+        Annotated[
+            str,
+            one_of("stops", "on_the_fly"),
+            means(
+                "stops: the machine stays at every stop until it is measured; on_the_fly: each move"
+                " is measured while it is made. Documents of earlier versions lack it."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
 @dataclass(frozen=True, kw_only=True)

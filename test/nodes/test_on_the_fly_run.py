@@ -1,10 +1,12 @@
 """Two lines on the fly on the node graph: delay and vibration present, replayed bit for bit."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 
 from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import load_cell
 from stepdiag_ros.evaluation.flown import flown_run
 from stepdiag_ros.metrology.assembly import assemble
@@ -46,6 +48,14 @@ def test_lines_on_the_fly(make_cell, tmp_path):
     assert [line.found.reasons for line in flown.lines] == [("",) * 4, ("",) * 10, ("",) * 10]
     assert all(abs(one.delay) < 4.0 * one.standard_uncertainty < 40e-6 for one in flown.delays)
     assert abs(flown.vibration.frequency - 40.0) < 0.5
+    assert main(["report", str(bag), "--json", "-o", str(tmp_path / "report")]) == 0
+    report = json.loads((tmp_path / "report/report.json").read_text(encoding="utf-8"))
+    described = report["sections"]["measurement"]["on_the_fly"]
+    assert described["passes"] == 3 and set(described["delays"]) == {"X", "Y", "Z"}
+    assert {axis: said["delay"] for axis, said in described["delays"].items()} == {
+        one.axis: one.delay for one in flown.delays
+    }
+    assert described["vibration"]["frequency"] == flown.vibration.frequency
     moving = [stop for stop in run.stops if 0 < stop.command.stop < 9]
     times = np.array([stop.in_position_time for stop in run.stops])
     assert np.median(np.diff(times)) < 0.7e9 and len(moving) > 10

@@ -45,6 +45,7 @@ def _plan(plan: plans.Plan) -> Plan:
         step=plan.volume.step,
         blocks=plan.volume.blocks,
         lines=[part_of(Line, line, order=line.order or None) for line in plan.lines],
+        measurement=plan.measurement,
     )
 
 

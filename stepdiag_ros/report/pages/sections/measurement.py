@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.evaluation.flown import FlownRun
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
@@ -17,6 +18,7 @@ from stepdiag_ros.report.pages.page import Fact
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.pages.tracker_facts import tracker_facts
+from stepdiag_ros.schemas import number
 from stepdiag_ros.text.intake import parse_yaml
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
@@ -321,6 +323,27 @@ def _document(material: Material) -> dict[str, Any]:
             name: {"mean": mean, "lowest": low, "highest": high, "values": count}
             for name, (mean, low, high, count) in weather_figures(material).items()
         },
+        "on_the_fly": None if material.flown is None else _flown_document(material.flown),
+    }
+
+
+def _flown_document(flown: FlownRun) -> dict[str, Any]:
+    vibration = flown.vibration
+    return {
+        "passes": len(flown.lines),
+        "duration": flown.seconds,
+        "delays": {
+            one.axis: {"delay": one.delay, "standard_uncertainty": one.standard_uncertainty}
+            for one in flown.delays
+        },
+        "vibration": {
+            "frequency": vibration.frequency,
+            "amplitude": vibration.amplitude,
+            "standard_uncertainty": number(vibration.standard_uncertainty),
+        }
+        if vibration.found
+        else None,
+        "common_standard_uncertainty": flown.common,
     }
 
 
