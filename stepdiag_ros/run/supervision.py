@@ -54,6 +54,8 @@ MOST_PEERS = 100
 _LONGEST_HEARTBEAT = 20_000
 """Characters of all that a node says of itself at once."""
 _LONGEST_NAME = 255
+_MOST_MISSED = 20
+"""Nodes that a heartbeat names as silent; all that there may be would make it too long."""
 _NODE_NAME = re.compile(r"([A-Za-z_][A-Za-z0-9_]*/)*[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -244,8 +246,10 @@ class Watch:
 
     @property
     def missed(self) -> str:
-        """The names of the nodes that are silent and should not be, as ``MISSES`` says them."""
-        return " ".join(sorted(n for n in self.lost if self.peers[n].role not in UNMISSED))
+        """The nodes that are silent and should not be, latest first, as ``MISSES`` names them."""
+        names = [name for name in self.lost if self.peers[name].role not in UNMISSED]
+        names.sort(key=lambda name: -self.peers[name].last_seen)
+        return " ".join(names[:_MOST_MISSED])
 
     def deaf(self, roles: Collection[str]) -> list[str]:
         """Return a sentence for each pair of nodes of these roles of which one misses the other.

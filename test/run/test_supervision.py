@@ -1,4 +1,5 @@
 from stepdiag_ros.run.supervision import (
+    MOST_PEERS,
     ONLOOKERS,
     OPERATOR_ROLE,
     SILENCE_LIMIT,
@@ -89,3 +90,13 @@ def test_a_process_that_slept_listens_before_it_judges():
     # One that is really gone is found all the same, a little later.
     found = [watch.check(11.0 + 0.25 * step) for step in range(1, 10)]
     assert [len(said) for said in found] == [0] * 7 + [1, 0]
+
+
+def test_of_nodes_that_went_the_last_are_named_and_a_heartbeat_stays_short():
+    watch = Watch()
+    for number in range(MOST_PEERS):
+        watch.heard(f"/{number:03d}{'x' * 251}", a_peer(0.001 * number))
+    assert watch.missed == ""
+    watch.check(SILENCE_LIMIT + 0.5)
+    assert len(watch.lost) == MOST_PEERS
+    assert len(watch.missed) < 10_000 and watch.missed.startswith(f"/{MOST_PEERS - 1:03d}x")
