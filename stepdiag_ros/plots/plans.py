@@ -130,11 +130,11 @@ def _far_corner(plan: Plan) -> Vector:
 def _kind(line: Line) -> str:
     """Return the title of the panel that a line is drawn in."""
     if line.kind == LINEAR:
-        return "Linear lines: one axis moves"
+        return "Linear lines:\none axis moves"
     if line.kind == STEP_DIAGONAL:
-        return "Step diagonals: one axis at a time"
+        return "Step diagonals:\none axis at a time"
     where = "Face" if line.name in FACE_DIAGONALS else "Body"
-    return f"{where} diagonals: all axes of a line at once"
+    return f"{where} diagonals:\nall axes of a line at once"
 
 
 def _distinct(lines: list[Line]) -> list[Line]:
