@@ -15,6 +15,7 @@ from results_by_hand import make_result
 from stepdiag_ros import plots
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers import solvers
+from stepdiag_ros.plots import style
 from stepdiag_ros.plots.places import HALF, WIDTH, printed_at
 from stepdiag_ros.plots.style import Sheet, say_unknown
 
