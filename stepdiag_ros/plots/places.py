@@ -28,7 +28,7 @@ class Place(NamedTuple):
 
 WHOLE = Place()
 FLAT = Place(1.0, 0.55)
-WIDE = Place(0.75, 0.5)
+WIDE = Place(0.75, 0.42)
 HALF = Place(0.49, 0.38)
 """Leaves room beside it for text or another figure."""
 

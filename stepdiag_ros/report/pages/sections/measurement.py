@@ -269,7 +269,7 @@ def _tell(material: Material) -> SectionContent:
             (material.recorded.plan, material.machine),
             "The measured lines in the box.",
             {"title": ""},
-            place=HALF,
+            place=HALF._replace(flatness=0.6),
         )
     }
     if material.weather:
