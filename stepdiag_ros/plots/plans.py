@@ -90,13 +90,7 @@ def plan(
         frame_box(panel, *outer, room=_LEGEND_ROOM if keyed else 0.0)
         panel_title(panel, words)
         if keyed:
-            panel.legend(
-                fontsize=SMALL_SIZE,
-                loc="upper left",
-                frameon=False,
-                handlelength=1.6,
-                borderaxespad=0.0,
-            )
+            _draw_key(panel)
     heading = wrap(plan.name, _TITLE_WIDTH) if title is None else [title]
     return sheet.finish(
         heading[0] if heading else "",
@@ -106,6 +100,12 @@ def plan(
             "Squares: first stop of the forward sense. Dashed: the beam of a step diagonal."
         ],
         stamp=stamp,
+    )
+
+
+def _draw_key(axes: Axes) -> None:
+    axes.legend(
+        fontsize=SMALL_SIZE, loc="upper left", frameon=False, handlelength=1.6, borderaxespad=0.0
     )
 
 

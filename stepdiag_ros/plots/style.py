@@ -90,7 +90,8 @@ _LINE_INCHES = 0.155
 _LEGEND_SIZE = 7.5
 _LETTERS_PER_INCH = 19.0
 """Of small print, at least; a sentence is broken so that it fits."""
-_HEADING_LETTERS_PER_INCH = 15.0
+_HEADING_LETTERS = 15.0
+"""Of a heading, per inch."""
 _CLEAR_INCHES = 0.1
 """Between the legend and the small print."""
 _SAMPLE_INCHES = 0.55
@@ -228,8 +229,7 @@ class Sheet:
         figure: Figure = self.figure
         if not self._own:
             return figure
-        broad = int(_HEADING_LETTERS_PER_INCH * self._width)
-        heading = [part for line in (title, *under) for part in wrap(line, broad)]
+        heading = self._broken((title, *under))
         entries = {**legend_entries(self.panels), **{label: one for one, label in more}}
         rows = _legend_rows(list(entries), self._width - 0.3) if legend else []
         letters = int(_LETTERS_PER_INCH * (self._width - 0.3))
@@ -274,6 +274,11 @@ class Sheet:
                 color="0.4",
             )
         return figure
+
+    def _broken(self, lines: Sequence[str]) -> list[str]:
+        """Break the lines of a heading so that they fit; leave empty ones out."""
+        letters = int(_HEADING_LETTERS * self._width)
+        return [part for line in lines for part in wrap(line, letters)]
 
     def _place(self, height: float, top: float) -> None:
         inner = self._width - self._left - self._right - self._across * (self._columns - 1)
