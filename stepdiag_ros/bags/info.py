@@ -14,7 +14,7 @@ from stepdiag_ros.bags.header import RunHeader
 from stepdiag_ros.bags.passes import end_words
 from stepdiag_ros.bags.repetitions import Repetitions
 from stepdiag_ros.bags.run import load_run
-from stepdiag_ros.bags.runs import runs_in
+from stepdiag_ros.bags.runs import full_names, runs_in
 from stepdiag_ros.bags.sample_check import SampleCheck
 from stepdiag_ros.bags.seal import Seal, read_seal
 from stepdiag_ros.bags.tally import Flaw
@@ -27,6 +27,9 @@ from stepdiag_ros.metrology.time_alignment import RunTiming
 from stepdiag_ros.schemas import info as parts
 from stepdiag_ros.schemas import lead, seal_check
 from stepdiag_ros.schemas.parts import part_of
+
+_AT_THE_END = 60 * 10**9
+"""ns before the end of a bag, in which the last state of its run is looked for."""
 
 
 @dataclass(frozen=True)
@@ -288,6 +291,19 @@ def _runs_of(bag: Bag) -> list[RunInBag]:
         version = str(run.description.software_version)
         found.append(RunInBag(run.run_id, run.namespace, plan, version, run.start_time))
     return found
+
+
+def end_of(path: Path) -> str:
+    """Return how the run in a bag ended, in words; empty where the bag does not state it.
+
+    Raises:
+        BagError: the bag cannot be read.
+    """
+    with open_bag(path) as bag:
+        names = full_names(bag, topics.RUN_STATE)
+        last = list(bag.records(topics=names, start=bag.end_time - _AT_THE_END))[-1:]
+        states = [bag.decode(record) for record in last]
+    return "".join(end_words(int(state.state), str(state.text)) for state in states)
 
 
 def _ended(run: RunInBag, state: Any) -> RunInBag:

@@ -3,6 +3,7 @@
 import argparse
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from difflib import get_close_matches
@@ -264,12 +265,18 @@ def _bag(text: str) -> Path:
 
     if text != _NEWEST:
         return Path(text)
+    from stepdiag_ros.bags.errors import BagError
+    from stepdiag_ros.bags.info import end_of
+
     found = [path for folder in (Path(), RESULTS) for path in folder.glob("*.mcap")]
     if not found:
         raise argparse.ArgumentTypeError(f"no .mcap file is here or in {RESULTS}: name a bag")
     newest = max(found, key=lambda path: path.stat().st_mtime_ns)
     written = datetime.fromtimestamp(newest.stat().st_mtime)
-    say(f"stepdiag: newest bag: {newest}, written {written:%Y-%m-%d %H:%M}")
+    end = ""
+    with suppress(BagError):  # The command says what is wrong with it.
+        end = end_of(newest)
+    say(f"stepdiag: newest bag: {newest}, written {written:%Y-%m-%d %H:%M}{end and f'; {end}'}")
     return newest
 
 

@@ -197,6 +197,7 @@ def show_report(
     from stepdiag_ros.report.publish import publish
     from stepdiag_ros.report.tables.run import print_report, print_summary
     from stepdiag_ros.text.console import make_console
+    from stepdiag_ros.words.lead import from_here
 
     folder = arguments.output or default_folder
     formats = picture_formats(arguments)
@@ -216,7 +217,7 @@ def show_report(
         print_report(report, make_console(sys.stdout), arguments.squareness_sign)
     else:
         print_summary(report, make_console(sys.stdout))
-    say(f"results in {folder}: {', '.join(path.name for path in files)}")
+    say(f"results in {from_here(folder)}: {', '.join(path.name for path in files)}")
     if not (arguments.json or details):
         say("all tables: --details, or report.txt")
     if not report.results:

@@ -103,9 +103,11 @@ def run(arguments: argparse.Namespace) -> int:
         session = MeasuringSession(nodes, folder, tell, until=until)
         try:
             bag = session.measure()
-        finally:
+        except BaseException:
+            # Of a run that ends well, the summary names the bag.
             if session.bag is not None:
                 say(f"recorded {session.bag}")
+            raise
     shown = {
         **vars(arguments),
         "bag": bag,

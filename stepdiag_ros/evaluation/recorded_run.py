@@ -132,7 +132,11 @@ def _report_of_run(
         passes=completeness_of(recorded, measurement),
         recording=flaws,
     )
-    return replace(report, target=target_standing(recorded, measurement, report.results))
+    return replace(
+        report,
+        target=target_standing(recorded, measurement, report.results),
+        routine=(remark, *diagnosed(recorded)),
+    )
 
 
 def target_standing(

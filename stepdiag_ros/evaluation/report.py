@@ -106,6 +106,7 @@ class Report:
             methods without a recorded result are not there.
         rounded: methods whose result differs from the recorded one by rounding alone.
         remarks: about the run as a whole, in words.
+        routine: those of the remarks that a summary leaves out.
         verdict: of a diagnosis of these lines, or why it is missing.
         passes: how much of the plan was measured; None if that is not known.
         recording: what is wrong with the recording: missing, doubled, out of order.
@@ -127,6 +128,7 @@ class Report:
     equals_recorded: Mapping[str, bool] = field(default_factory=dict)
     rounded: frozenset[str] = frozenset()
     remarks: tuple[str, ...] = ()
+    routine: tuple[str, ...] = ()
     verdict: Verdict = field(default_factory=Verdict)
     passes: Completeness | None = None
     recording: tuple[Flaw, ...] = ()

@@ -18,6 +18,7 @@ _QUANTITIES = {
 """Field of ``measurement.Environment`` → words, unit shown, factor from SI."""
 _MINUTE = 60e9
 """ns."""
+_COLUMNS = 4
 
 
 def weather(
@@ -40,7 +41,7 @@ def weather(
     if not told:
         return None
     begin = min(one.time for one in values)
-    sheet = Sheet(len(told), 2, 1.25, axes=axes, gap=(0.75, 0.55), left=0.7)
+    sheet = Sheet(len(told), _COLUMNS, 1.25, axes=axes, gap=(0.65, 0.55), left=0.7)
     for number, (panel, (name, found)) in enumerate(zip(sheet.panels, told.items(), strict=True)):
         words, unit, factor = _QUANTITIES[name]
         minutes = np.array([(one.time - begin) / _MINUTE for one in found])

@@ -110,7 +110,9 @@ def squareness(
     factor = f"{float(f'{exaggeration:.2g}'):,.0f}"
     heading = f"Squareness, angles drawn {factor} times larger"
     under = [f"sign of the figures: {SIGN_DEFINITIONS[definition]}"] if numbers else []
-    said = ["A shaded angle is the interval of ± U (95 %).", *frame_sentences(drawn)]
+    said = ["A shaded angle is the interval of ± U (95 %)."]
+    if title != "":
+        said += frame_sentences(drawn)
     if truth is not None:
         said.append(
             "Truth: of the least-squares lines through the true curves, so with the slopes of"

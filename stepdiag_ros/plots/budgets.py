@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.uncertainty.source import GROUPS
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.curves import grid_of, shown_unit
 from stepdiag_ros.plots.panel import LABEL_SIZE
+from stepdiag_ros.plots.places import here
 from stepdiag_ros.plots.style import (
     BLACK,
     BLUE,
@@ -54,11 +55,13 @@ _LOOKS = dict(
 )
 """Group of sources → colour and hatch."""
 _SMALL_PRINT = (
-    "The whole is the combined standard uncertainty; a colour's share of it is its share of the"
+    "The whole is the combined standard uncertainty u; a colour's share of it is its share of the"
     " variance."
 )
 _LOWER = "≥: a source that acts here is not known."
 _BAR_INCHES = 0.2
+_LEAST_BAR_INCHES = 0.11
+"""In print, for the words beside a bar."""
 _PANEL_TITLE_INCHES = 0.05
 
 
@@ -74,7 +77,8 @@ def budget(
         axes: to draw in, one for each kind, instead of a new figure.
     """
     groups = figure_groups(budget)
-    heights = [_PANEL_TITLE_INCHES + _BAR_INCHES * len(rows) for rows in groups.values()]
+    bar = max(_BAR_INCHES, _LEAST_BAR_INCHES / here().flatness)
+    heights = [_PANEL_TITLE_INCHES + bar * len(rows) for rows in groups.values()]
     sheet = Sheet(len(groups), 1, heights, axes=axes, gap=(0.5, 0.5), bottom=0.28)
     shares = shares_of(budget)
     combined = budget.standard_uncertainty * IN_MICRO
@@ -106,7 +110,7 @@ def budget(
         panel.set_ylim(len(rows) - 0.4, -0.6)
         panel.set_xlim(0.0, 1.14 * max(float(np.max(left)), 1e-12))
         unit = unit_of(quantity.name, quantity.unit)
-        panel_title(panel, f"{words}: standard uncertainty / {unit}")
+        panel_title(panel, f"{words}: u / {unit}")
     return _finish(sheet, budget, "Uncertainty budget", title, stamp)
 
 
@@ -162,7 +166,7 @@ def budget_curves(
 
 
 def _finish(sheet: Sheet, budget: Budget, words: str, title: str | None, stamp: str) -> Figure:
-    said = [_SMALL_PRINT, *([_LOWER] if np.any(budget.at_least) else [])]
+    said = [_SMALL_PRINT] * (title != "") + [_LOWER] * bool(np.any(budget.at_least))
     heading = f"{words}: {method_title(budget.method)}" if title is None else title
     under = [budget.instrument] if budget.instrument and title is None else []
     return sheet.finish(heading, under=under, small_print=said, stamp=stamp)

@@ -77,8 +77,8 @@ def compensation(
     )
     return sheet.finish(
         f"What remains with tables for {control.title}" if title is None else title,
-        under=[volume],
-        small_print=[_BOTH_WAYS, COMPUTED] if reverses else [COMPUTED],
+        under=[] if title == "" else [volume],
+        small_print=[_BOTH_WAYS] * reverses + [COMPUTED] * (title != ""),
         stamp=stamp,
     )
 

@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS, Vecto
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.plots.places import WIDE, here
 from stepdiag_ros.plots.style import (
     AFTER,
     BEFORE,
@@ -39,7 +40,9 @@ def many(results: VolumetricErrors | Sequence[VolumetricErrors]) -> list[Volumet
 
 
 def curve_words(name: str) -> str:
-    """Say in words what a curve is: ``E_ZX: Z error as X moves``."""
+    """Say in words what a curve is: ``E_ZX: Z error as X moves``; its name where all is narrow."""
+    if here().share < WIDE.share:
+        return name
     if name in ROTATIONS:
         return f"{name}: rotation about {AXES['ABC'.index(name[2])]} as {name[3]} moves"
     return f"{name}: {name[2]} error as {name[3]} moves"
@@ -96,7 +99,7 @@ def error_curves(
         results: of one method or of several, in the order of the legend.
         names: ISO 230-1 names of curves; the nine translations if not given.
         truth: of a simulated cell.
-        title: heading; None: one that says what is shown; empty: none.
+        title: heading; None: one that says what is shown; empty: neither it nor the frame.
         stamp: what the figure was made from.
         axes: to draw in, one for each curve, instead of a new figure.
 
@@ -124,7 +127,8 @@ def error_curves(
         kinds = {curve_unit(name) for name in shown}
         what = {"m": "Translational errors", "rad": "Rotations"}.get("".join(kinds), "Errors")
         title = f"{what} of the axes with 95 % bands"
-    return sheet.finish(title, small_print=frame_sentences(drawn), stamp=stamp)
+    said = frame_sentences(drawn) if title else []
+    return sheet.finish(title, small_print=said, stamp=stamp)
 
 
 def draw_curve(
@@ -165,7 +169,7 @@ def curves_before_after(
         after: with it.
         names: ISO 230-1 names of curves; the nine translations if not given.
         labels: of both.
-        title: heading; None: one that says what is shown; empty: none.
+        title: heading; None: one that says what is shown; empty: neither it nor the frame.
         stamp: what the figure was made from.
         axes: to draw in, one for each curve, instead of a new figure.
 

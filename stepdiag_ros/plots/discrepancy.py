@@ -19,6 +19,7 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.plots.lines import add_lines, sample
 from stepdiag_ros.plots.panel import INK, LABEL_SIZE
+from stepdiag_ros.plots.places import here
 from stepdiag_ros.plots.style import (
     AFTER,
     BEFORE,
@@ -40,7 +41,8 @@ _NOT_DRAWN = ("pass",)
 """Ways of splitting that the map of the gap shows already."""
 _FEW_PARTS = 3
 _LETTERS_OF_A_PANEL = 22
-_MOST_LABELS = 60
+_LABEL_INCHES = 0.1
+"""Between two labels in small print."""
 _COLUMNS = 4
 _SCALE_QUANTILE = 0.995
 _MARKED, _DARK = 0.25, 0.65
@@ -96,9 +98,9 @@ def gap_map(
         for border in np.flatnonzero(np.diff(_setups_of_passes(stops))):
             panel.axhline(border + 0.5, color="0.35", linewidth=0.5)
         panel.set_ylim(rows - 0.5, -0.5)
-    ticks, labels = _pass_ticks(stops)
+    ticks, labels = _pass_ticks(stops, int(here().flatness * height / _LABEL_INCHES))
     sheet.panels[0].set_yticks(ticks, labels)
-    sheet.panels[0].tick_params(axis="y", labelsize=5.0 if len(ticks) > 30 else SMALL_SIZE)
+    sheet.panels[0].tick_params(axis="y", labelsize=SMALL_SIZE)
     for panel in sheet.panels:
         if hasattr(panel.yaxis, "gridded"):
             panel.yaxis.gridded = panel.xaxis.gridded = False
@@ -147,7 +149,7 @@ def _setups_of_passes(stops: Stops) -> NDArray[np.int64]:
     return stops.setup[first]
 
 
-def _pass_ticks(stops: Stops) -> tuple[list[int], list[str]]:
+def _pass_ticks(stops: Stops, most: int) -> tuple[list[int], list[str]]:
     """Return where passes are labelled: each one, or where they are many the first of a setup."""
     words = [
         " ".join(
@@ -158,7 +160,7 @@ def _pass_ticks(stops: Stops) -> tuple[list[int], list[str]]:
         for line in stops.lines
     ]
     places = list(range(len(words)))
-    if len(words) > _MOST_LABELS:
+    if len(words) > most:
         setups = _setups_of_passes(stops)
         places = [place for place in places if place == 0 or setups[place] != setups[place - 1]]
     return places, [words[place] for place in places]
@@ -239,7 +241,7 @@ def _draw_shares(axes: Axes, name: str, shares: Sequence[Share], noise: float) -
     # Between two labels there is room for a letter.
     upright = (longest + 1) * len(labels) > _LETTERS_OF_A_PANEL
     axes.set_xticks(range(len(labels)), labels)
-    axes.tick_params(axis="x", labelsize=SMALL_SIZE - 0.5, labelrotation=90 if upright else 0)
+    axes.tick_params(axis="x", labelsize=SMALL_SIZE, labelrotation=90 if upright else 0)
     panel_title(axes, f"by {name}")
 
 

@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Line, P
 from stepdiag_ros.metrology.plan import FORWARD as FORWARD_SENSE
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.tracked_line import station_of, test_line_of
+from stepdiag_ros.plots.places import WIDE, here
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import COLOURS, SMALL_SIZE, Sheet, panel_title
 from stepdiag_ros.plots.tracker import tracker_space
@@ -61,14 +62,15 @@ def plan(
     for line in plan.lines:
         kinds.setdefault(_kind(line), []).append(line)
     columns = min(len(kinds), 2)
+    narrow = here().share < WIDE.share
     sheet = Sheet(
         len(kinds),
         columns,
         2.7 if columns > 1 else 3.9,
         axes=axes,
-        left=0.1,
+        left=0.25 if narrow else 0.1,
         right=0.1,
-        gap=(0.1, 0.4),
+        gap=(0.25 if narrow else 0.1, 0.4),
         bottom=0.05,
     )
     for panel, (words, lines) in zip(sheet.panels, kinds.items(), strict=True):
@@ -80,13 +82,15 @@ def plan(
         distinct = _distinct(lines)
         for index, line in enumerate(distinct):
             _draw_line(panel, plan, line, index)
-        if len(distinct) <= _MOST_NAMED:
+        named = len(distinct) <= _MOST_NAMED
+        if named:
             _name_lines(panel, distinct, plan, box)
-        frame_box(panel, *outer, room=_LEGEND_ROOM)
+        # Where all is narrow, the names beside the lines have to do.
+        keyed = not (named and narrow)
+        frame_box(panel, *outer, room=_LEGEND_ROOM if keyed else 0.0)
         panel_title(panel, words)
-        panel.legend(
-            fontsize=6.5, loc="upper left", frameon=False, handlelength=1.6, borderaxespad=0.0
-        )
+        if keyed:
+            _draw_key(panel)
     heading = wrap(plan.name, _TITLE_WIDTH) if title is None else [title]
     return sheet.finish(
         heading[0] if heading else "",
@@ -96,6 +100,12 @@ def plan(
             "Squares: first stop of the forward sense. Dashed: the beam of a step diagonal."
         ],
         stamp=stamp,
+    )
+
+
+def _draw_key(axes: Axes) -> None:
+    axes.legend(
+        fontsize=SMALL_SIZE, loc="upper left", frameon=False, handlelength=1.6, borderaxespad=0.0
     )
 
 
@@ -130,11 +140,11 @@ def _far_corner(plan: Plan) -> Vector:
 def _kind(line: Line) -> str:
     """Return the title of the panel that a line is drawn in."""
     if line.kind == LINEAR:
-        return "Linear lines: one axis moves"
+        return "Linear lines:\none axis moves"
     if line.kind == STEP_DIAGONAL:
-        return "Step diagonals: one axis at a time"
+        return "Step diagonals:\none axis at a time"
     where = "Face" if line.name in FACE_DIAGONALS else "Body"
-    return f"{where} diagonals: all axes of a line at once"
+    return f"{where} diagonals:\nall axes of a line at once"
 
 
 def _distinct(lines: list[Line]) -> list[Line]:

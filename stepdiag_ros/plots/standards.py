@@ -143,7 +143,7 @@ def _graphs(sheet: Sheet, group: DiagonalGroup) -> None:
         _graph(panel, test)
         panel_title(panel, f"{group.labels[number]}: {test.setup or test.name}")
         up = "deviation / µm" if sheet.first_in_row(number) else ""
-        across = "position along the diagonal / mm" if sheet.last_in_column(number) else ""
+        across = "position / mm" if sheet.last_in_column(number) else ""
         scales(panel, across, up)
 
 

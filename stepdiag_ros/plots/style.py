@@ -27,9 +27,8 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.plots.panel import GRID, INK, LABEL_SIZE, TICK_SIZE, Panel
+from stepdiag_ros.plots.places import here
 
-WIDTH = 7.2
-"""Of a figure, inches: the text width of a page of A4."""
 DOTS_PER_INCH = 150
 HEADING_SIZE = 9.5
 TITLE_SIZE = 8.0
@@ -91,15 +90,12 @@ _LINE_INCHES = 0.155
 _LEGEND_SIZE = 7.5
 _LETTERS_PER_INCH = 19.0
 """Of small print, at least; a sentence is broken so that it fits."""
+_HEADING_LETTERS = 15.0
+"""Of a heading, per inch."""
 _CLEAR_INCHES = 0.1
 """Between the legend and the small print."""
 _SAMPLE_INCHES = 0.55
 """Room that the sample of a legend's entry needs beside its words."""
-
-
-def label_inches(words: str) -> float:
-    """Return about how long words are in print, inches; never too little."""
-    return 0.62 * _LEGEND_SIZE * len(words) / 72.0
 
 
 class Picture(Figure):
@@ -129,7 +125,7 @@ class Sheet:
         panel_height: float | Sequence[float],
         *,
         axes: Any = None,
-        width: float = WIDTH,
+        width: float | None = None,
         left: float = 0.62,
         right: float = 0.15,
         gap: tuple[float, float | Sequence[float]] = (0.5, 0.52),
@@ -143,9 +139,9 @@ class Sheet:
         Args:
             count: number of panels.
             columns: most panels in a row.
-            panel_height: inches; of each row, or of all.
+            panel_height: inches in a figure by itself; of each row, or of all.
             axes: the axes to draw in instead of a new figure; as many as there are panels.
-            width: of the figure, inches.
+            width: of the figure, inches; None: that of its place in a page.
             left: margin for numbers and label, inches.
             right: margin, inches.
             gap: between panels, across and up, inches; up: below each row but the last, or all.
@@ -172,7 +168,10 @@ class Sheet:
             for panel in self.panels:
                 tidy(panel)
             return
-        self._heights = np.broadcast_to(np.asarray(panel_height, dtype=np.float64), self._rows)
+        heights = np.asarray(panel_height, dtype=np.float64)
+        if width is None:
+            width, heights = here().width, here().flatness * heights
+        self._heights = np.broadcast_to(heights, self._rows)
         self._between = np.broadcast_to(np.asarray(gap[1], dtype=np.float64), self._rows - 1)
         self._width, self._left, self._right = width, left, right
         self._across, self._bottom = gap[0], bottom
@@ -230,7 +229,7 @@ class Sheet:
         figure: Figure = self.figure
         if not self._own:
             return figure
-        heading = [line for line in (title, *under) if line]
+        heading = self._broken((title, *under))
         entries = {**legend_entries(self.panels), **{label: one for one, label in more}}
         rows = _legend_rows(list(entries), self._width - 0.3) if legend else []
         letters = int(_LETTERS_PER_INCH * (self._width - 0.3))
@@ -271,10 +270,15 @@ class Sheet:
                 stamp,
                 ha="right",
                 va="bottom",
-                fontsize=SMALL_SIZE - 0.5,
+                fontsize=SMALL_SIZE,
                 color="0.4",
             )
         return figure
+
+    def _broken(self, lines: Sequence[str]) -> list[str]:
+        """Break the lines of a heading so that they fit; leave empty ones out."""
+        letters = int(_HEADING_LETTERS * self._width)
+        return [part for line in lines for part in wrap(line, letters)]
 
     def _place(self, height: float, top: float) -> None:
         inner = self._width - self._left - self._right - self._across * (self._columns - 1)
@@ -398,7 +402,7 @@ def _legend_rows(labels: Sequence[str], width: float) -> list[list[str]]:
     rows: list[list[str]] = []
     room = 0.0
     for label in labels:
-        needs = _SAMPLE_INCHES + label_inches(label)
+        needs = _SAMPLE_INCHES + _printed_inches(label)
         if not rows or needs > room:
             rows.append([])
             room = width

@@ -114,7 +114,8 @@ def volume(
     times = f"Errors are drawn {factor:,.0f} times larger than they are."
     where = ", ".join(plain(value * IN_MILLI, 1) for value in worst.position)
     said = [
-        f"{times} Worst: {plus_minus(worst.value, worst.standard_uncertainty, IN_MICRO)} µm at"
+        times,
+        f"Worst: {plus_minus(worst.value, worst.standard_uncertainty, IN_MICRO)} µm at"
         " X, Y, Z"
         f" = {where} mm; rms over the volume {plain(worst.rms * IN_MICRO)} µm.",
         f"Frame: {worst.frame}; zero at the first corner.",
@@ -123,7 +124,11 @@ def volume(
     turned = any(name in result.curves for name in ROTATIONS)
     what = "with angular errors" if turned else "translations alone"
     heading = f"The measured volume as it is ({method_title(result.method)}, {what})"
-    return sheet.finish(heading if title is None else title, small_print=said, stamp=stamp)
+    return sheet.finish(
+        heading if title is None else title,
+        small_print=said[:1] if title == "" else said,
+        stamp=stamp,
+    )
 
 
 def diagonals_alone(*, title: str | None = None, stamp: str = "", axes: Any = None) -> Figure:

@@ -62,8 +62,8 @@ class JoinedRun:
             _wait_for_sequencer(
                 operator,
                 self._namespace,
-                "start the nodes first, or measure on nodes of its own in the simulated cell with"
-                " 'stepdiag run'",
+                "start the nodes first ('stepdiag cell'), or measure on nodes of its own in the"
+                " simulated cell with 'stepdiag run'",
             )
             run = FollowedRun(operator, self._tell, lambda: False, self._on_hold, self._on_plan)
             try:

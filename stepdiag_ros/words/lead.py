@@ -100,13 +100,19 @@ def next_steps(lead: RunLead) -> list[NextStep]:
     return [NextStep(command and f"stepdiag {command.format(bag)}", why) for command, why in named]
 
 
+def from_here(path: Path) -> Path:
+    """Return a path as seen from the present folder, if it lies below it."""
+    whole = path.resolve()
+    return whole.relative_to(Path.cwd()) if whole.is_relative_to(Path.cwd()) else path
+
+
 def next_lines(lead: RunLead) -> list[str]:
     """Return what to do next for the terminal, a line each; nothing without a recording.
 
     Below the present folder the recording is named as seen from there.
     """
-    if lead.bag is not None and lead.bag.resolve().is_relative_to(Path.cwd()):
-        lead = replace(lead, bag=lead.bag.resolve().relative_to(Path.cwd()))
+    if lead.bag is not None:
+        lead = replace(lead, bag=from_here(lead.bag))
     steps = next_steps(lead)
     width = max((len(one.command) for one in steps), default=0)
     lines = [

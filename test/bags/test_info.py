@@ -37,7 +37,9 @@ def test_a_whole_bag(tmp_path):
 
 
 @pytest.mark.parametrize(("code", "words"), [(6, "fault"), (5, "operator"), (1, "before the run")])
-def test_a_whole_bag_of_a_run_that_has_failed_says_how_it_ended(tmp_path, capsys, code, words):
+def test_a_whole_bag_of_a_run_that_has_failed_says_how_it_ended(
+    tmp_path, capsys, monkeypatch, code, words
+):
     path = tmp_path / "a.mcap"
     with BagWriter(path, header()) as bag:
         put(bag, topics.RUN_DESCRIPTION, description(), START)
@@ -51,6 +53,9 @@ def test_a_whole_bag_of_a_run_that_has_failed_says_how_it_ended(tmp_path, capsys
     assert main(["info", str(path)]) == 0
     said = capsys.readouterr().out
     assert f"{run.end} (3 of 748 stops)" in said
+    monkeypatch.chdir(tmp_path)
+    assert main(["info"]) == 0
+    assert run.end in capsys.readouterr().err
 
 
 def test_missing_readings_are_found(tmp_path):

@@ -1,5 +1,6 @@
 """How much there is to read before the first result is understood."""
 
+import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -14,3 +15,10 @@ def test_ten_minutes_of_reading_lead_to_the_worst_error():
     ]
     pages = [readme, *(page.read_text(encoding="utf-8") for page in tutorial)]
     assert sum(len(text.split()) for text in pages) <= 2000
+
+
+def test_the_sidebar_of_the_site_is_seen_at_a_glance():
+    home = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    trees = re.findall(r"^```\{toctree\}\n(.*?)^```", home, re.DOTALL | re.MULTILINE)
+    entries = [line for tree in trees for line in tree.splitlines() if line and line[0] != ":"]
+    assert 8 <= len(entries) <= 12

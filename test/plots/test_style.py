@@ -16,6 +16,7 @@ from stepdiag_ros import plots
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.plots import style
+from stepdiag_ros.plots.places import HALF, WIDTH, printed_at
 from stepdiag_ros.plots.style import Sheet, say_unknown
 
 
@@ -59,7 +60,7 @@ def test_svg_is_one_element_with_words_as_words_and_the_same_each_time(figure):
 def test_png_has_the_asked_resolution(figure):
     dots = figure.dpi
     shown = Image.open(BytesIO(plots.png_bytes(figure, dpi=100)))
-    assert shown.size[0] == round(100 * style.WIDTH)
+    assert shown.size[0] == round(100 * WIDTH)
     assert figure.dpi == dots
 
 
@@ -135,6 +136,19 @@ def test_nothing_stands_outside_of_the_figure(figure):
     for text in figure.texts:
         box = text.get_window_extent()
         assert box.x0 >= 0 and box.x1 <= width and box.y0 >= 0 and box.y1 <= height, text
+
+
+def test_a_figure_for_half_a_page_is_smaller_and_its_words_are_not():
+    def made():
+        return Sheet(3, 3, 1.5).finish("What is drawn", small_print=["A remark below it."])
+
+    whole = made()
+    with printed_at(HALF):
+        half = made()
+    assert half.get_figwidth() == pytest.approx(HALF.share * WIDTH)
+    assert half.get_figheight() < whole.get_figheight()
+    sizes = [[text.get_fontsize() for text in one.texts] for one in (whole, half)]
+    assert len(sizes[0]) == 2 and sizes[0] == sizes[1]
 
 
 def test_a_long_legend_is_broken_into_rows_that_fit():

@@ -28,7 +28,7 @@ from stepdiag_ros.metrology.discrepancy.loose import (
     rotation_columns,
     wander_evidence,
 )
-from stepdiag_ros.metrology.discrepancy.noise import Noise, estimate_noise
+from stepdiag_ros.metrology.discrepancy.noise import LEAST_STOPS, Noise, estimate_noise
 from stepdiag_ros.metrology.discrepancy.patterns import patterns
 from stepdiag_ros.metrology.discrepancy.rotation_finding import (
     beside_rotations,
@@ -116,7 +116,8 @@ def diagnose(
     noise = estimate_noise(baseline, baseline.gap, stops, stated)
     effects = _effects(catalogue)
     if not np.isfinite(noise.size) or not noise.size > 0.0:
-        return _not_testable(stops, baseline, noise, "nothing tells the noise: no pass is repeated")
+        unknown = f"its noise is unknown: no pass of {LEAST_STOPS} stops or more is repeated"
+        return _not_testable(stops, baseline, noise, unknown)
     taken = {(one.effect.name, one.effect.label(one.setting)) for one in fitted}
     given = Loose(rotation=_typical((*known, *fitted)))
     run = _Run(baseline, stops, effects, taken, seed, tell)
@@ -487,7 +488,7 @@ def _what_is_lacking(stops: Stops) -> str:
 
 def _not_testable(stops: Stops, baseline: Baseline, noise: Noise, why: str) -> Diagnosis:
     freedom = len(baseline.gap) - int(np.linalg.matrix_rank(baseline.matrix))
-    sentence = f"Whether model and run agree cannot be told: {why}."
+    sentence = f"This run does not show whether the model is right: {why}."
     gap = baseline.spread(baseline.gap)
     return _unfitted(verdicts.NOT_TESTABLE, sentence, stops, gap, freedom, noise)
 

@@ -22,6 +22,8 @@ STATED = "the uncertainty stated beside the readings; no pass is repeated"
 
 _ENOUGH = 30
 """Degrees of freedom below which forward and backward passes are compared too."""
+LEAST_STOPS = 5
+"""Of a repeated pass that shows noise: a parabola takes three, and one of the rest says little."""
 _LARGEST_CORRELATION = 0.6
 """What changes more slowly than that is not noise but an effect."""
 _CONSPICUOUS = 3.5

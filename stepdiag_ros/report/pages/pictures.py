@@ -19,13 +19,14 @@ from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from stepdiag_ros.metrology.refusal import Unusable
+from stepdiag_ros.plots.places import WHOLE, Place, printed_at
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Made = TypeVar("_Made")
 
-DOTS_PER_INCH = 150
+DOTS_PER_INCH = 200
 """Of pictures in pages: sharp in print at the width that they are made for."""
 
 
@@ -38,12 +39,14 @@ class Drawing:
         arguments: of the function.
         caption: what it shows, in words.
         keywords: of the function.
+        place: where it is printed.
     """
 
     function: str
     arguments: tuple[Any, ...]
     caption: str
     keywords: Mapping[str, Any] = field(default_factory=dict)
+    place: Place = WHOLE
 
 
 class Size(NamedTuple):
@@ -64,6 +67,7 @@ class Drawn:
         caption: what it shows, or why nothing, in words.
         address: names it among the pictures of a page; empty where the plot has nothing to show.
         size: of it.
+        share: of the text width of a printed page that it takes.
         fetch: returns it as PNG once it is drawn; raises OSError if the process that draws has
             ended.
     """
@@ -71,6 +75,7 @@ class Drawn:
     caption: str
     address: str = ""
     size: Size = _NO_SIZE
+    share: float = 1.0
     fetch: Callable[[], bytes] = bytes
 
     @property
@@ -96,7 +101,8 @@ def draw(drawing: Drawing, address: str) -> Drawn | None:
     figure = _figure_of(drawing)
     if figure is None or isinstance(figure, str):
         return _nothing(figure)
-    return Drawn(drawing.caption, address, _size_of(figure), cache(partial(_png_of, figure)))
+    fetch = cache(partial(_png_of, figure))
+    return Drawn(drawing.caption, address, _size_of(figure), drawing.place.share, fetch)
 
 
 def _nothing(reason: str | None) -> Drawn | None:
@@ -108,9 +114,10 @@ def _figure_of(drawing: Drawing) -> "Figure | str | None":
     from stepdiag_ros import plots
 
     try:
-        figure: Figure | None = getattr(plots, drawing.function)(
-            *drawing.arguments, **drawing.keywords
-        )
+        with printed_at(drawing.place):
+            figure: Figure | None = getattr(plots, drawing.function)(
+                *drawing.arguments, **drawing.keywords
+            )
     except ValueError as error:
         return str(error)
     return figure
@@ -207,7 +214,7 @@ class Studio:
         if found is None or isinstance(found, str):
             return _nothing(found)
         png = self._pool.submit(_finish, address)
-        return Drawn(drawing.caption, address, found, partial(_result, png))
+        return Drawn(drawing.caption, address, found, drawing.place.share, partial(_result, png))
 
 
 def _address(chapter: str, name: str) -> str:

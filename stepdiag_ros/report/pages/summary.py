@@ -6,6 +6,7 @@ from typing import Any
 
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.plots.places import WIDE
 from stepdiag_ros.report.pages.lead import (
     EXCEEDS,
     KEEPS,
@@ -49,6 +50,7 @@ def summary_of(material: Material) -> SectionContent:
             "The measured volume with its largest error; each wall shows the largest error in"
             " front of it.",
             {"title": "", "expanded_uncertainty": material.expanded_uncertainty},
+            place=WIDE,
         )
     given = material.given
     signed = dict(zip(_SIGNED_BY, (given.operator, "", given.customer), strict=True))

@@ -25,7 +25,7 @@ from stepdiag_ros.metrology.visibility import DETERMINED, VerdictRow, Visibility
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
-from stepdiag_ros.words.lead import next_lines, sentences_of
+from stepdiag_ros.words.lead import from_here, next_lines, sentences_of
 from stepdiag_ros.words.squareness import (
     LEAST_SQUARES_LINES,
     SIGN_DEFINITIONS,
@@ -414,7 +414,7 @@ def _heading(report: Report) -> list[str]:
         ("Run", report.run_id),
         ("Plan", report.plan),
         ("Machine", report.machine + (f" (chain {report.chain})" if report.chain else "")),
-        ("Bag", "" if report.bag is None else str(report.bag)),
+        ("Bag", "" if report.bag is None else str(from_here(report.bag))),
     ]
     return [f"{name + ':':<9}{text}" for name, text in rows if text.strip()]
 
@@ -470,7 +470,7 @@ def print_summary(report: Report, console: PlainConsole) -> None:
     """Print what fits a screen: the lead, the determined errors, and the commands to run next."""
     lead = lead_of(report)
     summary = [*_heading(report), "", *sentences_of(lead), *_determined(report, lead)]
-    summary += [f"Run: {remark}" for remark in report.remarks]
+    summary += [f"Run: {one}" for one in report.remarks if one not in report.routine]
     for line in (*summary, "", *next_lines(lead)):
         console.sentence(line)
 

@@ -21,6 +21,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cells_for_tests import by_noise_alone
+from matplotlib.backends.backend_agg import RendererAgg
 from PIL import Image
 from report.pages.page_reading import ReadPage
 from standard_runs import RUN_ID, write_bag
@@ -84,7 +85,23 @@ def bag(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def folder(bag):
+def letters():
+    """All words that are drawn into pictures of the module, with their sizes in points."""
+    drawn = []
+
+    def draw_text(renderer, context, x, y, words, font, *more, **named):
+        drawn.append((font.get_size_in_points(), words))
+        draw(renderer, context, x, y, words, font, *more, **named)
+
+    draw = RendererAgg.draw_text
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RendererAgg, "draw_text", draw_text)
+        yield drawn
+
+
+@pytest.fixture(scope="module")
+def folder(bag, letters):
+    del letters
     assert main(["report", str(bag), *GIVEN, "--instrument", "demo"]) == 0
     return bag.parent / "small_report"
 
@@ -140,7 +157,7 @@ def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
     titles = [section.title for section in sections()]
     numbered = [text for text in page.headings if re.match(r"\d+ ", text)]
     assert numbered == [f"{number} {title}" for number, title in enumerate(titles, 1)]
-    assert len(page.sources) >= 15
+    assert len(page.sources) >= 14
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
     assert page.links == [f"#{section.name}" for section in sections()]
 
@@ -383,6 +400,19 @@ def test_the_pdf_has_the_sections_page_numbers_and_the_run_on_every_page(folder)
     for number, section in enumerate(sections(), 1):
         assert f"{number} {section.title}" in whole
     assert "keeps its limit of 50 µm" in whole
+
+
+@needs_poppler
+def test_no_words_in_a_picture_are_printed_smaller_than_they_can_be_read(folder, letters):
+    """Every picture is printed at its own size or larger, and drawn with letters of 6.5 pt."""
+    listed = subprocess.run(
+        ["pdfimages", "-list", folder / "report.pdf"], capture_output=True, text=True, check=True
+    )
+    resolutions = [int(line.split()[12]) for line in listed.stdout.splitlines()[2:]]
+    assert len(resolutions) >= 12
+    assert max(resolutions) <= pictures.DOTS_PER_INCH
+    assert len(letters) > 300
+    assert [one for one in letters if one[0] < 6.5] == []
 
 
 @needs_poppler

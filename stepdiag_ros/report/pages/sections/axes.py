@@ -8,6 +8,7 @@ from typing import Any
 from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
+from stepdiag_ros.plots.places import FLAT
 from stepdiag_ros.report.documents.positioning import positioning_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -34,6 +35,7 @@ def _tell(material: Material) -> SectionContent | str:
         f"{tests[0].standard}: deviation of the mean of each direction, ±2 s; 0 at the first"
         " target.",
         {"title": ""},
+        place=FLAT,
     )
     return SectionContent(
         {

@@ -6,6 +6,7 @@ from typing import Any
 from stepdiag_ros.compensation.permission import DESPITE, permission
 from stepdiag_ros.compensation.remaining import COMPUTED
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, DESCRIBED, NAMED, UNEXPLAINED
+from stepdiag_ros.plots.places import HALF
 from stepdiag_ros.report.documents.compensation import compensation_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -39,6 +40,7 @@ def _tell(material: Material) -> SectionContent | str:
         (report.remainder, report.control),
         f"What tables for {report.control.title} would leave.",
         {"title": ""},
+        place=HALF,
     )
     return SectionContent(
         {

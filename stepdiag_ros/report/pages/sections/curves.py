@@ -9,6 +9,7 @@ from stepdiag_ros.evaluation.report import (
     short_title,
 )
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.plots.places import HALF, WIDE
 from stepdiag_ros.report.documents.run import report_document
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -38,6 +39,7 @@ def _tell(material: Material) -> SectionContent | str:
             f"Error curves by {short_title(preferred.method)}; bands: 95 %"
             f"{'; dotted: the true errors of the simulated machine' if report.truth else ''}.",
             {"title": "", "truth": report.truth},
+            place=WIDE,
         )
     }
     both = [one for one in results if one.method in _BESIDE]
@@ -49,6 +51,7 @@ def _tell(material: Material) -> SectionContent | str:
             " aligned, beside the setup-robust one (Ibaraki & Hata). Where they differ, setup"
             " errors look like errors of the machine.",
             {"title": ""},
+            place=HALF,
         )
     tables = [
         *translation_tables(report),

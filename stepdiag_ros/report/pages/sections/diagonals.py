@@ -1,5 +1,6 @@
 """Displacement along body and face diagonals by ISO 230-6."""
 
+from stepdiag_ros.plots.places import HALF
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
@@ -28,7 +29,7 @@ def _tell(material: Material) -> SectionContent | str:
     ]
     drawings = {
         f"group_{number}": Drawing(
-            "iso230_6_graphs", (group,), f"ISO 230-6, {group.place}.", {"title": ""}
+            "iso230_6_graphs", (group,), f"ISO 230-6, {group.place}.", {"title": ""}, place=HALF
         )
         for number, group in enumerate(report.groups)
     }

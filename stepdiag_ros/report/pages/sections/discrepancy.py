@@ -5,6 +5,7 @@ from typing import Any
 from stepdiag_ros.evaluation.diagnosis import DiagnosisReport
 from stepdiag_ros.evaluation.not_testable import not_testable_sentences
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NOT_TESTABLE, UNEXPLAINED
+from stepdiag_ros.plots.places import FLAT, HALF, WIDE
 from stepdiag_ros.report.documents.diagnosis import diagnosis_document
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -45,13 +46,15 @@ def _tell(material: Material) -> SectionContent | str:
             (diagnosis,),
             "The gap at every stop: what the run measured less what the model gives there.",
             {"title": ""},
+            place=HALF,
         )
-    if diagnosis.map and drawings:
+    if diagnosis.where and drawings:
         drawings["where"] = Drawing(
             "gap_where",
             (diagnosis,),
             "The gap split in several ways; the dashed line is the noise of a reading.",
             {"title": ""},
+            place=FLAT,
         )
     if diagnosis.description is not None and diagnosis.findings:
         drawings["dependences"] = Drawing(
@@ -62,7 +65,11 @@ def _tell(material: Material) -> SectionContent | str:
         )
     if found:
         drawings["candidates"] = Drawing(
-            "gap_candidates", (diagnosis,), "What each candidate closes of the gap.", {"title": ""}
+            "gap_candidates",
+            (diagnosis,),
+            "What each candidate closes of the gap.",
+            {"title": ""},
+            place=WIDE,
         )
     if report.held_out is not None:
         drawings["held_out"] = Drawing(
@@ -70,6 +77,7 @@ def _tell(material: Material) -> SectionContent | str:
             (report.held_out,),
             "Readings that took no part in the fit, predicted without and with the effects.",
             {"title": ""},
+            place=WIDE,
         )
     return SectionContent(story_of(report), drawings)
 

@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.plots.places import FLAT, HALF
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -270,11 +271,16 @@ def _tell(material: Material) -> SectionContent:
             (material.recorded.plan, material.machine),
             "The measured lines in the box.",
             {"title": ""},
+            place=HALF._replace(flatness=0.6),
         )
     }
     if material.weather:
         drawings["weather"] = Drawing(
-            "weather", (list(material.weather),), "Weather during the run.", {"title": ""}
+            "weather",
+            (list(material.weather),),
+            "Weather during the run.",
+            {"title": ""},
+            place=FLAT,
         )
     return SectionContent(
         {

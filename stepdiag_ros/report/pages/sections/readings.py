@@ -8,6 +8,7 @@ from stepdiag_ros import schemas
 from stepdiag_ros.bags.passes import pass_name
 from stepdiag_ros.metrology.measurement import Reading, SettledStop
 from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.plots.places import FLAT
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -90,6 +91,7 @@ def _tell(material: Material) -> SectionContent | str:
             (measurement,),
             "Readings less nominal displacement along every line.",
             {"title": ""},
+            place=FLAT,
         )
     }
     shown = _few_stops(material)
@@ -100,6 +102,7 @@ def _tell(material: Material) -> SectionContent | str:
             f"Readings in time at {_STOPS_SHOWN} stops of line {pass_name(shown[1][0].line)}, with"
             " the windows whose mean is the value of the stop; each stop enlarged.",
             {"title": ""},
+            place=FLAT,
         )
     repeated = _repeat_facts(material)
     if repeated:
@@ -108,6 +111,7 @@ def _tell(material: Material) -> SectionContent | str:
             (measurement,),
             "Every pass less the mean of the passes of its setup.",
             {"title": ""},
+            place=FLAT,
         )
     return SectionContent(
         {

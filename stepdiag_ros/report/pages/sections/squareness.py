@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from stepdiag_ros.metrology.forward import AXES_OF
+from stepdiag_ros.plots.places import WIDE
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
@@ -29,6 +30,7 @@ def _tell(material: Material) -> SectionContent | str:
         ([preferred],),
         "How the axes stand to each other, the angle exaggerated.",
         {"title": "", "truth": report.truth},
+        place=WIDE,
     )
     return SectionContent(
         {

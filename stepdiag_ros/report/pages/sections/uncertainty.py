@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from stepdiag_ros.evaluation.report import method_title
+from stepdiag_ros.plots.places import HALF
 from stepdiag_ros.report.documents.budget import budget_document
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -37,6 +38,7 @@ def _tell(material: Material) -> SectionContent | str:
             "Combined standard uncertainty of each result; a colour's share of a bar is its share"
             " of the variance.",
             {"title": ""},
+            place=HALF,
         )
     return SectionContent(
         {

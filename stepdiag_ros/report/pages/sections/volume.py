@@ -9,6 +9,7 @@ from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.evaluation.volumetric import VolumetricReport
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.plots.places import HALF
 from stepdiag_ros.report.documents.volumetric import volumetric_json
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact
@@ -62,6 +63,7 @@ def _tell(material: Material) -> SectionContent | str:
             "The measured box and, exaggerated, what the machine makes of it; the worst point is"
             " marked.",
             {"title": ""},
+            place=HALF,
         )
     tables = with_rows([accuracy_table(_volumetric(material))])
     return SectionContent(
