@@ -163,6 +163,27 @@ def _sensor(name: str, field: str) -> Callable[[Any], Iterable[SensorValue]]:
     return convert
 
 
+class WorstError(NamedTuple):
+    """The largest error by the solver, which has the covariance that no message holds.
+
+    Attributes:
+        value: length of the longest error vector in the measured box, m; NaN if not known.
+        standard_uncertainty: of it, m.
+        place: X Y Z where it is, m.
+    """
+
+    value: float
+    standard_uncertainty: float
+    place: tuple[float, ...]
+
+
+def _worst(message: Any) -> WorstError:
+    factor = float(message.coverage_factor)
+    spread = float(message.expanded_uncertainty) / factor if factor > 0.0 else math.nan
+    place = tuple(float(one) for one in message.worst_place)
+    return WorstError(float(message.worst_error), spread, place)
+
+
 def _one(convert: Callable[[Any], Any]) -> Callable[[Any], Iterable[Any]]:
     return lambda message: (convert(message),)
 
@@ -177,6 +198,7 @@ SOURCES: tuple[HeardTopic, ...] = (
     HeardTopic(topics.BLOCK, _one(conversion.to_block)),
     HeardTopic(topics.LINE, _one(conversion.to_measured_line)),
     HeardTopic(topics.VOLUMETRIC_ERRORS, _one(to_volumetric_errors)),
+    HeardTopic(topics.RUN_VERDICT, _one(_worst)),
     HeardTopic(topics.DIAGNOSIS, _one(to_diagnosis)),
     HeardTopic(topics.DIAGNOSTICS, _said),
     *(

@@ -1,5 +1,6 @@
 """Sections about what follows: error curves, squareness, the gap to the model, faults."""
 
+from collections.abc import Iterable
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from stepdiag_ros.run.supervision import BYSTANDERS, HEARTBEAT
 from stepdiag_ros.text.numbers import UNKNOWN, plain, plus_minus
 from stepdiag_ros.viewers.page.contact import Contact, SilentNode
 from stepdiag_ros.viewers.page.course import ENDED
-from stepdiag_ros.viewers.page.items import MachineStatus, RunBegin, RunStatus, Said
+from stepdiag_ros.viewers.page.items import MachineStatus, RunBegin, RunStatus, Said, WorstError
 from stepdiag_ros.viewers.page.section import PageSection, drawn, micrometres
 from stepdiag_ros.viewers.scene.error_markers import chosen_results
 
@@ -185,13 +186,23 @@ class WorstSection(_ResultSection):
         """Forget all results, and take up the machine of a run."""
         super().begin(run)
         self._chain = run.chain if run else ""
+        self._told: WorstError | None = None
+
+    def take(self, item: object) -> bool:
+        """Take the largest error by the solver, and the results, which serve without it."""
+        if not isinstance(item, WorstError):
+            return super().take(item)
+        self._told = item
+        return True
 
     def document(self) -> dict[str, Any]:
         """Return its size with U (95 %), where it is, and the curve if it is of one alone.
 
         ``limit``: U is what it cannot exceed, however the errors of the curves are correlated.
         """
-        result = self.result
+        result, told = self.result, self._told
+        if told is not None and np.isfinite(told.value):
+            return _document(told.value, told.standard_uncertainty, told.place)
         if result is None:
             return _NO_ERROR
         return self._in_volume(result) or self._of_one_curve(result)
@@ -203,20 +214,10 @@ class WorstSection(_ResultSection):
         found = of_result(result, self._chain)
         if not np.isfinite(found.value):
             return None
-        places = (
-            f"{letter} {plain(place * IN_MILLI, 1)}"
-            for letter, place in zip(AXES, found.position, strict=True)
-        )
         # A message holds no covariance; without it the uncertainties of the curves give a limit.
         limited = not np.isfinite(found.standard_uncertainty)
         spread = found.uncertainty_limit if limited else found.standard_uncertainty
-        return {
-            "text": micrometres(found.value, spread),
-            "value": drawn(found.value, IN_MICRO),
-            "where": f"{', '.join(places)} mm",
-            "curve": "",
-            "limit": limited,
-        }
+        return _document(found.value, spread, found.position, limited)
 
     def _of_one_curve(self, result: VolumetricErrors) -> dict[str, Any]:
         known = {name: _farthest(result, name) for name in TRANSLATIONS}
@@ -233,6 +234,19 @@ class WorstSection(_ResultSection):
             "curve": name,
             "limit": False,
         }
+
+
+def _document(
+    value: float, spread: float, place: Iterable[float], limited: bool = False
+) -> dict[str, Any]:
+    places = (f"{letter} {plain(at * IN_MILLI, 1)}" for letter, at in zip(AXES, place, strict=True))
+    return {
+        "text": micrometres(value, spread),
+        "value": drawn(value, IN_MICRO),
+        "where": f"{', '.join(places)} mm",
+        "curve": "",
+        "limit": limited,
+    }
 
 
 class SquarenessSection(_ResultSection):

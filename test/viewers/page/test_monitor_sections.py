@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.run.sequence import State as RunState
 from stepdiag_ros.text.numbers import plus_minus, time_left
 from stepdiag_ros.viewers.page.contact import Contact, SilentNode
-from stepdiag_ros.viewers.page.items import AxisPlace, MachineStatus, RunBegin, Said
+from stepdiag_ros.viewers.page.items import AxisPlace, MachineStatus, RunBegin, Said, WorstError
 from stepdiag_ros.viewers.page.section import micrometres
 from stepdiag_ros.viewers.page.state import SECTIONS, PageState
 
@@ -258,6 +258,13 @@ def test_the_headline_is_the_largest_error_of_the_volume_with_u_and_place(state,
     told = state.document("worst")
     assert told["limit"]
     assert told["text"] == f"{plus_minus(found.value, found.uncertainty_limit, 1e6)} µm"
+    # The solver has the covariance.
+    state.take(WorstError(found.value, 0.25e-6, (0.01, 0.02, 0.03)))
+    told = state.document("worst")
+    assert told["text"] == f"{plus_minus(found.value, 0.25e-6, 1e6)} µm" and not told["limit"]
+    assert told["where"] == "X 10.0, Y 20.0, Z 30.0 mm"
+    state.take(WorstError(math.nan, math.nan, 3 * (math.nan,)))
+    assert state.document("worst")["limit"]
 
 
 def test_the_headline_names_the_curve_while_the_volume_is_unknown(state, small_run):

@@ -16,6 +16,7 @@ KEPT = (
     topics.STOP,
     topics.BLOCK,
     topics.VOLUMETRIC_ERRORS,
+    topics.RUN_VERDICT,
     topics.DIAGNOSIS,
     topics.RUN_DESCRIPTION,
     topics.RUN_STATE,

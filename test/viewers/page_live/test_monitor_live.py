@@ -11,10 +11,8 @@ import pytest
 from patience import PATIENCE
 
 from stepdiag_ros import topics
-from stepdiag_ros.configuration import chain_from_text
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.geometry import SQUARENESS
-from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.viewers.page.measured import micrometres
@@ -122,11 +120,11 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
         wanted = f"{plus_minus(figure.value, figure.standard_uncertainty, 1e6)} µm/m"
         shows(f"#squareness-list [data-name={name}]", wanted)
 
-    chain = chain_from_text(cell.last(topics.RUN_DESCRIPTION).machine, "machine of the run")
-    worst = of_result(result, chain)
+    worst = cell.last(topics.RUN_VERDICT, run_over=True)
+    spread = worst.expanded_uncertainty / worst.coverage_factor
     shows("#worst-what", "Worst error so far")
-    shows("#worst-text", f"{plus_minus(worst.value, worst.uncertainty_limit, 1e6)} µm")
-    shows("#worst-where", f"at X {worst.position[0] * 1e3:.1f}, Y ", exactly=False)
+    shows("#worst-text", f"{plus_minus(worst.worst_error, spread, 1e6)} µm")
+    shows("#worst-where", f"(U, 95 %) at X {worst.worst_place[0] * 1e3:.1f}, Y ", exactly=False)
 
     diagnosis = cell.last(topics.DIAGNOSIS, run_over=True)
     lines = f"{diagnosis.lines} of {diagnosis.lines_planned} lines"
