@@ -1,6 +1,6 @@
 """From the catalogue of an archive to what the years of each machine show."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from math import hypot, isfinite, nan, sqrt
@@ -38,6 +38,12 @@ order by f.machine nulls last, f.time, f.bag_sha256
 """
 """Figures that are followed: those with a sign and an uncertainty, and the largest error. A tilt is
 of mirror and laser, not of the machine."""
+
+
+_Figure = tuple[str, str]
+"""Kind and name."""
+_NEAR = 2
+"""Runs between the dates that two figures give to one event, at most."""
 
 
 @dataclass(frozen=True)
@@ -155,11 +161,14 @@ def _history(
         identity = row["run_id"] or row["bag_sha256"]
         runs.setdefault(identity, row)
         figures.setdefault((row["kind"], row["name"]), {}).setdefault(identity, row)
-    level = LEVEL / len(figures)
     instruments = tuple(sorted({_instrument(one) for one in runs.values()}))
     known = [stated.scales[one] for one in instruments if one in stated.scales]
     scale = max(known) if len(known) == len(instruments) else nan
     tolerances = {**stated.tolerances.get("", {}), **stated.tolerances.get(name, {})}
+    kept = {key: _of_usual_method([*own.values()]) for key, own in figures.items()}
+    series = {key: series_of(own, scale * _length(*key, travels)) for key, own in kept.items()}
+    limits = {key: tolerances.get(key[1], nan) for key in figures}
+    trends = _trends(series, limits)
     return MachineHistory(
         name,
         len(runs),
@@ -167,19 +176,57 @@ def _history(
         rows[-1]["time"],
         instruments,
         tuple(
-            _figure(
-                kind,
-                figure,
-                [*own.values()],
-                scale * _length(kind, figure, travels),
-                level,
-                tolerances.get(figure, nan),
+            FigureHistory(
+                *key,
+                kept[key][0]["unit"],
+                tuple(row["time"] for row in kept[key]),
+                series[key].values.tolist(),
+                (COVERAGE_FACTOR * series[key].uncertainty).tolist(),
+                trend,
+                limits[key],
+                len(figures[key]) - len(kept[key]),
             )
-            for (kind, figure), own in figures.items()
+            for key, trend in trends.items()
         ),
         sum(one["material_temperature_degC"] is None for one in runs.values()),
         isfinite(scale),
     )
+
+
+def _trends(
+    series: Mapping[_Figure, Series], limits: Mapping[_Figure, float]
+) -> dict[_Figure, Trend]:
+    """Return what each figure of a machine shows, knowing when others have changed."""
+    level = LEVEL / len(series)
+    trends = {key: trend_of(one, level, limits[key]) for key, one in series.items()}
+    steps = {
+        key: [
+            (one.e_n, float(series[key].years[one.run]))
+            for one in trend.changes
+            if one.kind == "step"
+        ]
+        for key, trend in trends.items()
+    }
+    events: list[float] = []
+    near = _runs_apart([*series.values()])
+    for _, year in sorted((one for own in steps.values() for one in own), reverse=True):
+        if not any(near(year, one) for one in events):
+            events.append(year)
+    for key, one in series.items():
+        others = [year for year in events if not any(near(year, own) for _, own in steps[key])]
+        if others:
+            trends[key] = trend_of(one, level, limits[key], others)
+    return trends
+
+
+def _runs_apart(series: Sequence[Series]) -> Callable[[float, float], bool]:
+    """Return what says whether two dates are so few runs apart that they may be of one event."""
+    every = np.unique(np.concatenate([one.years for one in series]))
+
+    def near(one: float, other: float) -> bool:
+        return abs(int(np.searchsorted(every, one) - np.searchsorted(every, other))) <= _NEAR
+
+    return near
 
 
 def _length(kind: str, figure: str, travels: Mapping[str, float]) -> float:
@@ -197,30 +244,14 @@ def _length(kind: str, figure: str, travels: Mapping[str, float]) -> float:
     return nan
 
 
-def _figure(
-    kind: str,
-    name: str,
-    rows: list[Mapping[str, Any]],
-    shared: float,
-    level: float,
-    tolerance: float,
-) -> FigureHistory:
+def _of_usual_method(rows: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the rows by the method that most have; of two of them the one that was used last.
+
+    Two methods may differ by more than their uncertainties: setup errors act on each otherwise.
+    """
     methods = [row["method"] for row in rows]
-    # Two methods may differ by more than their uncertainties: setup errors act on each otherwise.
     usual = max(reversed(methods), key=methods.count)
-    kept = [row for row in rows if row["method"] == usual]
-    series = series_of(kept, shared)
-    return FigureHistory(
-        kind,
-        name,
-        kept[0]["unit"],
-        tuple(row["time"] for row in kept),
-        series.values.tolist(),
-        (COVERAGE_FACTOR * series.uncertainty).tolist(),
-        trend_of(series, level, tolerance),
-        tolerance,
-        len(rows) - len(kept),
-    )
+    return [row for row in rows if row["method"] == usual]
 
 
 def series_of(rows: Sequence[Mapping[str, Any]], shared: float) -> Series:

@@ -37,8 +37,8 @@ def years_of_machine(
     for panel, figure in zip(sheet.panels, machine.figures, strict=True):
         _draw(panel, figure)
     prints = [
-        "Bars: U (95 %) of each run; band: U of the level. Dashed: control limits of the next run"
-        " (99.73 %). Vertical: changes; a cross is a run that stands alone. Dotted: tolerance.",
+        "Bars: U (95 %) of each run; band: U of the level. Dashed: control limits (99.73"
+        " %). Vertical: changes; a cross is a run that stands alone. Dotted: tolerance.",
         "Values as measured, in grey; in colour without the influence of temperature, season and"
         " instrument.",
     ]
@@ -72,7 +72,8 @@ def _draw(panel: Any, figure: FigureHistory) -> None:
         curve(panel, years, line, BEFORE, "", marker="", linestyle="-")
         band(panel, years, line, trend.line_expanded * factor, BEFORE, coverage=1.0)
         for limit in trend.limits:
-            panel.axhline(limit * factor, color=GREY, linestyle="--", linewidth=0.8)
+            beside = line + (limit - trend.level) * factor
+            panel.plot(years, beside, color=GREY, linestyle="--", linewidth=0.8)
     for change in trend.changes:
         if change.kind == "alone":
             panel.plot(years[change.run], shown[change.run], "x", color=BEFORE.colour)

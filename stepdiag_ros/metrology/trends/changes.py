@@ -6,14 +6,15 @@ other within some runs are looked for as one, since neither may be seen without 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.trends.columns import FREE, Design, Place, columns_of, with_changes
-from stepdiag_ros.metrology.trends.fitting import Fit, fit, left_over
+from stepdiag_ros.metrology.trends.fitting import Fit, left_over
 
 _BESIDE_STEP = 2
 """Runs that a step must have on both sides; one run alone may be a slip."""
@@ -28,55 +29,73 @@ _SIZES = 64
 _SAME = 3.84
 """95 % point of χ² with one degree of freedom: places within it of the best may be the place."""
 
-Candidate = tuple[Place, ...]
+
+@dataclass(frozen=True)
+class Candidates:
+    """The changes that a history of some length may have.
+
+    Attributes:
+        places: of each candidate: one, or two steps.
+        usual: number of those that are usual; bends and pairs, which are rare, follow.
+        columns: runs × candidates; bends depend on the dates, and are 0 here.
+        bends: numbers of the bends.
+    """
+
+    places: Sequence[tuple[Place, ...]]
+    usual: int
+    columns: Vector
+    bends: slice
 
 
 @lru_cache(_SIZES)
-def candidates(runs: int) -> tuple[Sequence[Candidate], Sequence[Candidate]]:
-    """Return the changes that a history may have: what is usual, and what is rare."""
+def candidates(runs: int) -> Candidates:
+    """Return the changes that a history of so many runs may have."""
     steps = range(_BESIDE_STEP, runs - _BESIDE_STEP + 1)
-    usual: list[Candidate] = [(Place(at, "step"),) for at in steps]
-    usual += [(Place(at, "alone"),) for at in range(runs)]
-    rare: list[Candidate] = [
-        (Place(at, "bend"),) for at in range(_BESIDE_BEND, runs - _BESIDE_BEND + 1)
-    ]
-    rare += [
+    usual = [(Place(at, "step"),) for at in steps] + [(Place(at, "alone"),) for at in range(runs)]
+    bends = [(Place(at, "bend"),) for at in range(_BESIDE_BEND, runs - _BESIDE_BEND + 1)]
+    pairs = [
         (Place(at, "step"), Place(end, "step"))
         for at in steps
         for end in range(at + _BESIDE_STEP, min(at + _LONGEST + 1, steps.stop))
     ]
-    return usual, rare
+    every: list[tuple[Place, ...]] = [*usual, *bends, *pairs]
+    first, last = (columns_of([one[at] for one in every], np.zeros(runs)) for at in (0, -1))
+    columns = first - last * np.array([len(one) == 2 for one in every])
+    return Candidates(every, len(usual), columns, slice(len(usual), len(usual) + len(bends)))
 
 
 class Search:
     """Looks for changes in a series.
 
     Args:
-        design: of the series.
+        design: of the series; it may be replaced by one with other variances.
         years: of its runs.
         level: chance of a false change, at most, if there is none.
     """
 
     def __init__(self, design: Design, years: Vector, level: float) -> None:
-        self._design, self._years = design, years
-        usual, rare = candidates(len(years))
-        self._candidates = [*usual, *rare]
-        each = [(1.0 - _RARE) * level / len(usual), _RARE * level / max(len(rare), 1)]
-        self._chances = 0.5 * np.repeat(each, [len(usual), len(rare)])
-        firsts, lasts = ([one[at] for one in self._candidates] for at in (0, -1))
-        pair = np.array([len(one) == 2 for one in self._candidates])
-        self._columns = np.zeros((len(design.values), len(self._candidates)))
-        self._columns[: len(years)] = columns_of(firsts, years) - pair * columns_of(lasts, years)
+        self.design, self._years = design, years
+        known = candidates(len(years))
+        self._candidates = known.places
+        rare = len(known.places) - known.usual
+        each = [(1.0 - _RARE) * level / known.usual, _RARE * level / max(rare, 1)]
+        self._chances = 0.5 * np.repeat(each, [known.usual, rare])
+        self._columns = np.zeros((len(design.values), len(known.places)))
+        self._columns[: len(years)] = known.columns
+        bends = [one[0] for one in known.places[known.bends]]
+        self._columns[: len(years), known.bends] = columns_of(bends, years)
 
     def fitted(self, places: Sequence[Place]) -> Fit:
         """Return the fit with some changes."""
-        design = self._design
-        matrix = with_changes(design, places, self._years)
-        return fit(matrix, design.values, design.own, design.varies)
+        return with_changes(self.design, places, self._years).fitted()
 
-    def changes(self) -> list[Place]:
-        """Return the changes, in the order of their dates."""
-        found: list[Place] = []
+    def changes(self, found: list[Place]) -> list[Place]:
+        """Return the changes, in the order of their dates.
+
+        Args:
+            found: changes to begin with.
+        """
+        found = self._beyond_chance(self._refined(found))
         # A quarter of the runs at most: what needs more is not a line with changes.
         while len(found) < len(self._years) // 4:
             more = self._best(self.fitted(found))
@@ -100,11 +119,11 @@ class Search:
         ratios: Vector = np.sqrt(gain * max(now.degrees_of_freedom - 1, 1) / rest)
         return ratios
 
-    def _best(self, now: Fit) -> Candidate:
+    def _best(self, now: Fit) -> tuple[Place, ...]:
         """Return the candidate that is most beyond chance; none if none is."""
         if now.degrees_of_freedom <= FREE:
             return ()
-        chance = student.sf(self._ratios(now), now.degrees_of_freedom - 1) / self._chances
+        chance = stdtr(now.degrees_of_freedom - 1, -self._ratios(now)) / self._chances
         best = int(np.argmin(chance))
         return self._candidates[best] if chance[best] < 1.0 else ()
 
@@ -128,7 +147,7 @@ class Search:
             now = self.fitted(places)
             size = now.coefficients[-len(places) :]
             spread = np.sqrt(np.diag(now.covariance)[-len(places) :])
-            chance = student.sf(np.abs(size) / spread, now.degrees_of_freedom)
+            chance = stdtr(now.degrees_of_freedom, -np.abs(size) / spread)
             limits = [self._chances[-1 if one.kind == "bend" else 0] for one in places]
             least = int(np.argmax(chance / limits))
             if chance[least] < limits[least]:

@@ -1,13 +1,13 @@
 """What a figure is made of: level, trend, temperature, season, instruments, and changes."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
-from stepdiag_ros.metrology.trends.fitting import left_over
+from stepdiag_ros.metrology.trends.fitting import Fit, fit, left_over
 from stepdiag_ros.metrology.trends.series import Series
 
 FREE = 5
@@ -52,7 +52,8 @@ class Design:
     """What is fitted to a series, before changes; rows beyond the runs are knowledge.
 
     Attributes:
-        names: of the columns: ``level``, ``trend``, ``temperature``, ``season``, ``instrument``.
+        names: of the columns: ``level``, ``trend``, ``event``, ``instrument``, ``temperature``,
+            ``season``; of a whole design also the kinds of changes, and ``rate``.
         matrix: rows × columns.
         values: of each row.
         own: variance of each row that is known.
@@ -69,20 +70,42 @@ class Design:
     temperature: float
     left_out: tuple[str, ...]
 
+    def fitted(self) -> Fit:
+        """Return the fit of all columns."""
+        return fit(self.matrix, self.values, self.own, self.varies)
 
-def design_of(series: Series, coefficient: float = 0.0) -> Design:
+    def known(self, columns: Vector, uncertainty: float) -> "Design":
+        """Return the design with rows that say: these columns are 0 with a standard uncertainty.
+
+        Args:
+            columns: whether each column is meant.
+            uncertainty: of their coefficients, above 0.
+        """
+        rows = np.eye(self.matrix.shape[1])[columns]
+        more = np.zeros(len(rows))
+        return replace(
+            self,
+            matrix=np.vstack([self.matrix, rows]),
+            values=np.concatenate([self.values, more]),
+            own=np.concatenate([self.own, more + uncertainty**2]),
+            varies=np.concatenate([self.varies, more]),
+        )
+
+
+def design_of(series: Series, events: Sequence[int] = (), coefficient: float = 0.0) -> Design:
     """Return level, trend and what else runs differ in, as far as the runs determine it.
 
     Args:
         series: at least two runs.
+        events: numbers of the runs before which the machine has changed in another figure, so that
+            this one may have changed too.
         coefficient: of temperature, per K: by it the uncertainty of a temperature is one of the
             value.
     """
     runs = len(series)
     temperature, uncertain, mean = _temperature(series)
     names, columns, left_out = ["level"], [np.ones(runs)], []
-    groups = _further(series, temperature)
-    for name, group in groups:
+    for name, group in _further(series, temperature, events):
         basis = np.linalg.qr(np.column_stack(columns))[0]
         determined = bool(np.all(left_over(group, basis)[1]))
         room = runs - len(columns) - group.shape[1] >= FREE or name == "trend"
@@ -93,15 +116,18 @@ def design_of(series: Series, coefficient: float = 0.0) -> Design:
             left_out.append(name)
     matrix = np.column_stack(columns)
     own = np.nan_to_num(series.uncertainty) ** 2 + (coefficient * uncertain) ** 2
-    values, varies = series.values, np.ones(runs)
-    shared, places = series.instrument_uncertainty, [one == "instrument" for one in names]
-    if shared > 0.0 and any(places):
-        known = np.eye(matrix.shape[1])[places]
-        matrix = np.vstack([matrix, known])
-        more = np.zeros(len(known))
-        values, varies = np.concatenate([values, more]), np.concatenate([varies, more])
-        own = np.concatenate([own, more + shared**2])
-    return Design(tuple(names), matrix, values, own, varies, mean, tuple(left_out))
+    made = Design(
+        tuple(names),
+        matrix,
+        series.values,
+        own,
+        np.ones(runs),
+        mean,
+        tuple(dict.fromkeys(left_out)),
+    )
+    offsets = np.array([name == "instrument" for name in names])
+    shared = series.instrument_uncertainty
+    return made.known(offsets, shared) if shared > 0.0 and np.any(offsets) else made
 
 
 def _temperature(series: Series) -> tuple[Vector, Vector, float]:
@@ -118,10 +144,14 @@ def _temperature(series: Series) -> tuple[Vector, Vector, float]:
     return np.where(known, series.temperature - mean, 0.0), uncertain, mean
 
 
-def _further(series: Series, temperature: Vector) -> Iterator[tuple[str, Vector]]:
+def _further(
+    series: Series, temperature: Vector, events: Sequence[int]
+) -> Iterator[tuple[str, Vector]]:
     """Yield what may be fitted beside the level, the most important first."""
     years = series.years
     yield "trend", (years - years[-1])[:, None]
+    for event in events:
+        yield "event", columns_of([Place(event, "step")], years)
     names = sorted(set(series.instruments))
     of_each = np.array([[one == name for name in names] for one in series.instruments], float)
     if series.instrument_uncertainty > 0.0:
@@ -135,8 +165,27 @@ def _further(series: Series, temperature: Vector) -> Iterator[tuple[str, Vector]
         yield "season", np.column_stack([np.sin(angle), np.cos(angle)])
 
 
-def with_changes(design: Design, places: Sequence[Place], years: Vector) -> Vector:
-    """Return the design with a column for each change."""
+def with_changes(design: Design, places: Sequence[Place], years: Vector) -> Design:
+    """Return the design with a column for each change, which has the name of its kind."""
     more = np.zeros((len(design.values), len(places)))
     more[: len(years)] = columns_of(places, years)
-    return np.column_stack([design.matrix, more])
+    names = (*design.names, *(one.kind for one in places))
+    return replace(design, names=names, matrix=np.column_stack([design.matrix, more]))
+
+
+def with_rates(design: Design, steps: Sequence[Place], years: Vector, rate: float) -> Design:
+    """Return the design with a trend that may be another after each step.
+
+    What has worn may wear in another way after it was hit or repaired. That is known beforehand:
+    the rate has changed by about its own size, or not.
+
+    Args:
+        design: with the changes.
+        steps: at which the rate may have changed.
+        years: of the runs.
+        rate: size of the trend.
+    """
+    made = with_changes(design, [Place(one.first, "bend") for one in steps], years)
+    names = (*design.names, *("rate" for _ in steps))
+    rates = np.array([name == "rate" for name in names])
+    return replace(made, names=names).known(rates, rate)

@@ -1,5 +1,6 @@
 """From a series to what its owner wants to know: level, trend, changes, limits, and until when."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import nan
@@ -9,7 +10,14 @@ from scipy.stats import t as student
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.trends.changes import Search
-from stepdiag_ros.metrology.trends.columns import Design, Kind, Place, columns_of, design_of
+from stepdiag_ros.metrology.trends.columns import (
+    Design,
+    Kind,
+    Place,
+    design_of,
+    with_changes,
+    with_rates,
+)
 from stepdiag_ros.metrology.trends.crossing import NOT_ASKED, Crossing, Told, crossing
 from stepdiag_ros.metrology.trends.fitting import Fit
 from stepdiag_ros.metrology.trends.series import Series
@@ -23,6 +31,8 @@ CROSSING_PROBABILITY = 0.90
 LIMITS_PROBABILITY = 0.9973
 """That the next run of an unchanged machine is between the control limits."""
 
+_LINE = ("level", "trend", "event", "step", "bend", "rate")
+_ASIDE = ("temperature", "season", "instrument")
 _LATELY = 4
 """Runs from a change to the last, at most, for which it is news."""
 _REACH = 2.0
@@ -119,7 +129,9 @@ class Trend:
         return away > self.slope_expanded
 
 
-def trend_of(series: Series, level: float = LEVEL, tolerance: float = nan) -> Trend:
+def trend_of(
+    series: Series, level: float = LEVEL, tolerance: float = nan, events: Sequence[float] = ()
+) -> Trend:
     """Return what a series shows.
 
     Args:
@@ -127,80 +139,76 @@ def trend_of(series: Series, level: float = LEVEL, tolerance: float = nan) -> Tr
         level: chance of a false change in it, at most; of several figures of a machine each has its
             part of the whole.
         tolerance: largest magnitude that the figure may have; NaN: none is stated.
+        events: years of the first run after each change of the machine that other figures show.
+            What is too small to be found may have changed then, too.
     """
     told = NOT_ASKED if np.isnan(tolerance) else Crossing(Told.UNKNOWN)
     last = float(series.years[-1]) if len(series) else nan
     if len(series) < FEWEST:
         return Trend(len(series), last, "runs", crossing=told)
-    design = design_of(series)
+    firsts = np.unique(np.searchsorted(series.years, np.asarray(events)))
+    hit = [int(one) for one in firsts if 0 < one < len(series)]
+    design = design_of(series, hit)
     if "trend" in design.left_out:
         return Trend(len(series), last, "time", crossing=told)
+    search = Search(design, series.years, level)
+    places = search.changes([])
     if "temperature" in design.names:
         # By the first fit it is known how much of a temperature's uncertainty a value has.
-        first = _searched(design, series, level)[1]
         at = design.names.index("temperature")
-        design = design_of(series, float(first.coefficients[at]))
-    places, now, search = _searched(design, series, level)
-    return _trend(series, design, places, now, search, tolerance)
+        search.design = design_of(series, hit, float(search.fitted(places).coefficients[at]))
+        places = search.changes(places)
+    now = search.fitted(places)
+    steps = [Place(one, "step") for one in hit] if "event" in design.names else []
+    steps += [one for one in places if one.kind == "step"]
+    rate = max(abs(float(now.coefficients[1])), float(np.sqrt(now.covariance[1, 1])))
+    whole = with_changes(search.design, places, series.years)
+    trend = _trend(series, with_rates(whole, steps, series.years, rate), tolerance)
+    return replace(trend, changes=_changes(series, places, now, search))
 
 
-def _searched(design: Design, series: Series, level: float) -> tuple[list[Place], Fit, Search]:
-    search = Search(design, series.years, level)
-    places = search.changes()
-    return places, search.fitted(places), search
-
-
-def _trend(
-    series: Series,
-    design: Design,
-    places: list[Place],
-    now: Fit,
-    search: Search,
-    tolerance: float,
-) -> Trend:
-    spread = np.sqrt(np.diag(now.covariance))
-    factor = float(student.ppf(0.5 + 0.5 * COVERAGE_PROBABILITY, now.degrees_of_freedom))
-    runs, width = len(series), len(design.names)
-    known = {name: number for number, name in enumerate(design.names)}
-    lasting = [number for number, place in enumerate(places, width) if place.kind != "alone"]
-    lines = [0, 1, *lasting]
-    columns = np.column_stack([design.matrix[:runs], columns_of(places, series.years)])
-    aside = [number for number in range(1, width) if number != 1]
-    line = columns[:, lines] @ now.coefficients[lines]
-    wide = np.einsum(
-        "ij,jk,ik->i", columns[:, lines], now.covariance[np.ix_(lines, lines)], columns[:, lines]
-    )
+def _trend(series: Series, design: Design, tolerance: float) -> Trend:
+    now = design.fitted()
+    wide = _factor(now, COVERAGE_PROBABILITY) * np.sqrt(np.diag(now.covariance))
+    runs = len(series)
+    lines = np.array([name in _LINE for name in design.names])
+    aside = np.array([name in _ASIDE for name in design.names])
+    columns = design.matrix[:runs]
+    line = columns[:, lines]
+    covariance = now.covariance[np.ix_(lines, lines)]
+    spread = np.sqrt(np.einsum("ij,jk,ik->i", line, covariance, line))
     trend = Trend(
         runs,
         float(series.years[-1]),
         level=float(now.coefficients[0]),
-        level_expanded=float(factor * spread[0]),
+        level_expanded=float(wide[0]),
         slope=float(now.coefficients[1]),
-        slope_expanded=float(factor * spread[1]),
+        slope_expanded=float(wide[1]),
         temperature=design.temperature,
         between=now.between,
-        changes=_changes(series, places, now, search, factor),
         limits=_limits(series, now),
-        line=line,
-        line_expanded=factor * np.sqrt(wide),
+        line=line @ now.coefficients[lines],
+        line_expanded=_factor(now, COVERAGE_PROBABILITY) * spread,
         adjusted=series.values - columns[:, aside] @ now.coefficients[aside],
         left_out=design.left_out,
         degrees_of_freedom=now.degrees_of_freedom,
+        crossing=_crossing(series, now, tolerance),
     )
-    if "temperature" in known:
-        at = known["temperature"]
-        trend = replace(
-            trend,
-            per_kelvin=float(now.coefficients[at]),
-            per_kelvin_expanded=float(factor * spread[at]),
-        )
-    return replace(trend, crossing=_crossing(series, now, tolerance))
+    if "temperature" not in design.names:
+        return trend
+    at = design.names.index("temperature")
+    return replace(
+        trend, per_kelvin=float(now.coefficients[at]), per_kelvin_expanded=float(wide[at])
+    )
 
 
-def _changes(
-    series: Series, places: list[Place], now: Fit, search: Search, factor: float
-) -> tuple[Change, ...]:
+def _factor(now: Fit, probability: float) -> float:
+    return float(student.ppf(0.5 + 0.5 * probability, now.degrees_of_freedom))
+
+
+def _changes(series: Series, places: list[Place], now: Fit, search: Search) -> tuple[Change, ...]:
     found = []
+    factor = _factor(now, COVERAGE_PROBABILITY)
     for number, place in enumerate(places, len(now.coefficients) - len(places)):
         first = last = place.first
         if place.kind != "alone":
@@ -221,15 +229,16 @@ def _changes(
 def _limits(series: Series, now: Fit) -> tuple[float, float]:
     """Return between what the next run is, at the mean temperature, with a usual uncertainty."""
     usual = float(np.median(np.nan_to_num(series.uncertainty)))
-    factor = float(student.ppf(0.5 + 0.5 * LIMITS_PROBABILITY, now.degrees_of_freedom))
-    half = factor * float(np.sqrt(now.covariance[0, 0] + now.between**2 + usual**2))
+    half = _factor(now, LIMITS_PROBABILITY) * float(
+        np.sqrt(now.covariance[0, 0] + now.between**2 + usual**2)
+    )
     return float(now.coefficients[0]) - half, float(now.coefficients[0]) + half
 
 
 def _crossing(series: Series, now: Fit, tolerance: float) -> Crossing:
     if np.isnan(tolerance):
         return NOT_ASKED
-    factor = float(student.ppf(0.5 + 0.5 * CROSSING_PROBABILITY, now.degrees_of_freedom))
+    factor = _factor(now, CROSSING_PROBABILITY)
     reach = _REACH * float(series.years[-1] - series.years[0])
     slope, covariance = float(now.coefficients[1]), now.covariance[:2, :2]
     found = crossing(float(now.coefficients[0]), slope, covariance, tolerance, factor, reach)
