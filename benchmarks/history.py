@@ -30,6 +30,9 @@ FIGURES = {
 REPAIRED_FROM = 12e-6
 """A machine is repaired when a figure is as far off, m."""
 TOLERANCE = 25e-6
+SCALE = 1e-6
+"""Standard uncertainty of the scale of an instrument, as its certificate states it."""
+TRAVELS = {"E_XX": 1.0, "E_YY": 0.6, "E_ZZ": (1.3**2 - 1.0**2 - 0.6**2) ** 0.5}
 
 
 @dataclass
@@ -41,6 +44,7 @@ class Machine:
     jumps: dict[int, dict[str, float]]  # event → figure → jump over the run-to-run deviation
     level: dict[str, list[float]]  # figure → level at each run, without season
     slope: dict[str, list[float]]  # figure → wear a year at each run
+    thermal: dict[str, float]  # figure → change per kelvin from 21 °C
 
 
 def machine(number: int, random: np.random.Generator, scales: np.ndarray, harsh: bool) -> Machine:
@@ -61,7 +65,7 @@ def machine(number: int, random: np.random.Generator, scales: np.ndarray, harsh:
     spread = {n: 10 ** random.uniform(-6.3, -5.8) for n in names}
     thermal = {n: random.normal(0.0, 0.4e-6) for n in names}
     lagging = {n: random.normal(0.0, 0.6e-6) for n in names}
-    made = Machine([], [], {}, {n: [] for n in names}, {n: [] for n in names})
+    made = Machine([], [], {}, {n: [] for n in names}, {n: [] for n in names}, thermal)
     repairs, patience = 0, random.integers(2, 6)
     for run in range(RUNS):
         ago = years[run] - years[run - 1] if run else 0.0
@@ -119,24 +123,26 @@ def machine(number: int, random: np.random.Generator, scales: np.ndarray, harsh:
 
 
 def fleet(seed: int, harsh: bool) -> list[Machine]:
-    """Simulate the machines of one seed; instruments are good to 1 µm/m (k = 1)."""
+    """Simulate the machines of one seed, which three instruments measure."""
     random = np.random.default_rng(seed)
-    scales = random.normal(0.0, 1e-6, 3)
+    scales = random.normal(0.0, SCALE, 3)
     return [machine(number, random, scales, harsh) for number in range(MACHINES)]
 
 
-def told(made: Machine) -> dict:
+def told(made: Machine, stated_scales: bool) -> dict:
     """Read the history of a machine after every run, and compare it with what is known."""
     from stepdiag_ros.archive.histories import histories_of
     from stepdiag_ros.archive.stated import Stated
 
     score: dict = {"events": [], "final": [], "false": 0, "final_false": 0, "crossings": []}
-    stated = Stated(tolerances={"": dict.fromkeys(FIGURES, TOLERANCE)})
+    scales = {f"L{one}": SCALE for one in range(3)} if stated_scales else {}
+    stated = Stated(tolerances={"": dict.fromkeys(FIGURES, TOLERANCE)}, scales=scales)
+    travels = {made.rows[0]["machine"]: TRAVELS}
     reported: set[tuple[str, int]] = set()
     found: set[int] = set()
     for runs in range(1, RUNS + 1):
         rows = made.rows[: runs * len(FIGURES)]
-        (history,) = histories_of(rows, stated, {})
+        (history,) = histories_of(rows, stated, travels)
         new = [(f.name, c.run) for f in history.figures for c in f.trend.changed()]
         for name, run in new:
             near = [one for one in made.events if abs(one - run) <= 2]
@@ -157,7 +163,9 @@ def told(made: Machine) -> dict:
 
 def _crossing(made: Machine, figure, runs: int) -> list:
     """Return what is told of a crossing, and whether it holds; None where no interval is told."""
-    level, slope = made.level[figure.name][runs - 1], made.slope[figure.name][runs - 1]
+    slope = made.slope[figure.name][runs - 1]
+    warm = made.thermal[figure.name] * np.nan_to_num(figure.trend.temperature - 21.0)
+    level = made.level[figure.name][runs - 1] + warm
     when = (np.copysign(TOLERANCE, slope) - level) / slope if abs(level) <= TOLERANCE else 0.0
     crossing = figure.trend.crossing
     if crossing.told.name == "INTERVAL":
@@ -169,9 +177,11 @@ def _crossing(made: Machine, figure, runs: int) -> list:
     return [crossing.told.name, None]
 
 
-def measured(seed: int, harsh: bool = False, machines: int = MACHINES) -> dict:
+def measured(
+    seed: int, harsh: bool = False, machines: int = MACHINES, stated_scales: bool = True
+) -> dict:
     """Return the figures of one seed."""
-    scores = [told(one) for one in fleet(seed, harsh)[:machines]]
+    scores = [told(one, stated_scales) for one in fleet(seed, harsh)[:machines]]
     events = [one for score in scores for one in score["events"]]
     final = [one for score in scores for one in score["final"]]
     decades = machines * YEARS / 10.0
@@ -199,12 +209,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13])
     parser.add_argument("--harsh", action="store_true", help="heavy tails and crowded runs")
+    parser.add_argument("--no-scales", action="store_true", help="the owner states no scale")
     parser.add_argument("--machines", type=int, default=MACHINES)
     parser.add_argument("--workers", type=int, default=1)
     arguments = parser.parse_args()
     with ProcessPoolExecutor(arguments.workers) as pool:
         every = [
-            pool.submit(measured, seed, arguments.harsh, arguments.machines)
+            pool.submit(
+                measured, seed, arguments.harsh, arguments.machines, not arguments.no_scales
+            )
             for seed in arguments.seeds
         ]
         for one in every:

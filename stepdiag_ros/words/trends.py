@@ -18,9 +18,10 @@ _WHY_NOT = {
     Told.MAYBE_OUTSIDE: "may be outside",
 }
 _REASONS = {
-    Told.NO_TREND: "its trend may be zero, or in either direction",
+    Told.NO_TREND: "its trend may be zero, or is not known to half its size",
     Told.TOO_FAR: "the end of the interval is beyond twice the length of the history",
     Told.WANDERS: "its runs deviate from the line together, more than chance allows",
+    Told.LAST_ALONE: "its last run stands alone; measure again",
     Told.MAYBE_OUTSIDE: "it may be outside its tolerance already",
 }
 _MEANING = {"step": "changed", "bend": "changed its trend", "alone": "stands alone"}

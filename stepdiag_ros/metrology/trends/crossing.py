@@ -13,6 +13,11 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import Vector
 
 
+_SURE = 0.5
+"""Part of the slope that its uncertainty may be. Of slopes that are hardly beyond theirs, those that
+chance has made steep are taken more often (Finney asks for g far below 1; here it is 0.25)."""
+
+
 class Told(Enum):
     """What is known of the time when a figure leaves its tolerance."""
 
@@ -21,8 +26,9 @@ class Told(Enum):
     OUTSIDE = "it is outside already"
     MAYBE_OUTSIDE = "it may be outside already: its uncertainty reaches beyond the tolerance"
     INTERVAL = "it will be outside between the two dates"
-    NO_TREND = "the trend may be zero, or in either direction"
+    NO_TREND = "the trend may be zero, or is not known to half its size"
     TOO_FAR = "the end of the interval is too far ahead for so short a history"
+    LAST_ALONE = "the last run stands alone: a change, or a slip; measure again"
     WANDERS = "the figure wanders: its deviations from the line hang together"
 
 
@@ -67,7 +73,7 @@ def crossing(
     roots = [_roots(level - one, slope, covariance, factor) for one in limits]
     first = min((time for pair in roots for time in pair if time > 0.0), default=inf)
     earliest = min(first, reach)
-    if abs(slope) <= factor * float(np.sqrt(covariance[1, 1])):
+    if _SURE * abs(slope) <= factor * float(np.sqrt(covariance[1, 1])):
         return Crossing(Told.NO_TREND, earliest)
     latest = max(roots[0 if slope > 0.0 else 1])
     if latest > reach:

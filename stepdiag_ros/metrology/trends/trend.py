@@ -164,6 +164,8 @@ def trend_of(
     rate = max(abs(float(now.coefficients[1])), float(np.sqrt(now.covariance[1, 1])))
     whole = with_changes(search.design, places, series.years)
     trend = _trend(series, with_rates(whole, steps, series.years, rate), tolerance)
+    if trend.crossing.told is not Told.NOT_ASKED and Place(len(series) - 1, "alone") in places:
+        trend = replace(trend, crossing=Crossing(Told.LAST_ALONE))
     return replace(trend, changes=_changes(series, places, now, search))
 
 
