@@ -168,13 +168,13 @@ def _crossing(made: Machine, figure, runs: int) -> list:
     level = made.level[figure.name][runs - 1] + warm
     when = (np.copysign(TOLERANCE, slope) - level) / slope if abs(level) <= TOLERANCE else 0.0
     crossing = figure.trend.crossing
-    if crossing.told.name == "INTERVAL":
-        return [crossing.told.name, bool(crossing.earliest <= when <= crossing.latest)]
-    if crossing.told.name == "OUTSIDE":
-        return [crossing.told.name, bool(abs(level) > TOLERANCE)]
+    if crossing.outlook.name == "INTERVAL":
+        return [crossing.outlook.name, bool(crossing.earliest <= when <= crossing.latest)]
+    if crossing.outlook.name == "OUTSIDE":
+        return [crossing.outlook.name, bool(abs(level) > TOLERANCE)]
     if np.isfinite(crossing.earliest):
-        return [crossing.told.name, bool(when >= crossing.earliest)]
-    return [crossing.told.name, None]
+        return [crossing.outlook.name, bool(when >= crossing.earliest)]
+    return [crossing.outlook.name, None]
 
 
 def measured(

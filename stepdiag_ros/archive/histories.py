@@ -111,7 +111,7 @@ def histories(catalogue: "Catalogue", machine: str = "") -> list[MachineHistory]
         machine: name in the archive; empty: all.
 
     Raises:
-        ValueError: a part is damaged, or there is no such machine; lists those that there are.
+        ValueError: a part is damaged, or there is no such machine; lists the existing ones.
     """
     rows = catalogue.ask(_ROWS, [machine])
     if machine and not rows:
@@ -262,7 +262,7 @@ def series_of(rows: Sequence[Mapping[str, Any]], shared: float) -> Series:
     Args:
         rows: of the figure.
         shared: standard uncertainty of the figure by what the runs of an instrument share; NaN if
-            not known: then the history alone tells how instruments differ.
+            not known: then the history alone determines how instruments differ.
     """
     own = [
         _number(row["expanded_uncertainty"]) / COVERAGE_FACTOR

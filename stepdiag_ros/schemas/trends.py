@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from stepdiag_ros.metrology.trends.crossing import Told
+from stepdiag_ros.metrology.trends.crossing import Outlook
 from stepdiag_ros.schemas.parts import (
     Chance,
     Count,
@@ -38,10 +38,10 @@ class Change:
 class Crossing:
     """When a figure leaves its tolerance, if nothing changes."""
 
-    told: Annotated[
+    outlook: Annotated[
         str,
-        one_of(*(one.name for one in Told)),
-        means("; ".join(f"{one.name}: {one.value}" for one in Told) + "."),
+        one_of(*(one.name for one in Outlook)),
+        means("; ".join(f"{one.name}: {one.value}" for one in Outlook) + "."),
     ]
     earliest: Annotated[Text, means("Lower end of the 90 % interval, a date; null if not known.")]
     latest: Annotated[Text, means("Upper end of the interval, a date; null if not known.")]

@@ -4,7 +4,7 @@ from math import isfinite
 
 from stepdiag_ros.archive.histories import FigureHistory, MachineHistory, date_of
 from stepdiag_ros.archive.stated import FILE
-from stepdiag_ros.metrology.trends.crossing import Told
+from stepdiag_ros.metrology.trends.crossing import Outlook
 from stepdiag_ros.metrology.trends.trend import FEWEST, LEVEL, Change, Trend
 from stepdiag_ros.text.numbers import UNKNOWN, with_expanded
 from stepdiag_ros.words.diagnosis import readable_unit
@@ -12,23 +12,23 @@ from stepdiag_ros.words.diagnosis import readable_unit
 LARGEST = "largest in volume"
 _DAY = "%Y-%m-%d"
 _WHY_NOT = {
-    Told.NOT_ASKED: "no tolerance",
-    Told.UNKNOWN: UNKNOWN,
-    Told.OUTSIDE: "outside now",
-    Told.MAYBE_OUTSIDE: "may be outside",
+    Outlook.NOT_ASKED: "no tolerance",
+    Outlook.UNKNOWN: UNKNOWN,
+    Outlook.OUTSIDE: "outside now",
+    Outlook.MAYBE_OUTSIDE: "may be outside",
 }
 _REASONS = {
-    Told.NO_TREND: "its trend may be zero, or is not known to half its size",
-    Told.TOO_FAR: "the end of the interval is beyond twice the length of the history",
-    Told.WANDERS: "its runs deviate from the line together, more than chance allows",
-    Told.LAST_ALONE: "its last run stands alone; measure again",
-    Told.MAYBE_OUTSIDE: "it may be outside its tolerance already",
+    Outlook.NO_TREND: "its trend may be zero, or is not known to half its size",
+    Outlook.TOO_FAR: "the end of the interval is beyond twice the length of the history",
+    Outlook.WANDERS: "its runs deviate from the line together, more than chance allows",
+    Outlook.LAST_ALONE: "its last run stands alone; measure again",
+    Outlook.MAYBE_OUTSIDE: "it may be outside its tolerance already",
 }
 _MEANING = {"step": "changed", "bend": "changed its trend", "alone": "stands alone"}
 _LEFT_OUT = {
     "temperature": "its influence is not separated: it hardly varies, or the runs are too few",
     "season": "a yearly wave is not separated: the runs are too few",
-    "instrument": "the instruments cannot be told from a trend or from each other",
+    "instrument": "instruments and trend, or two instruments, cannot be separated",
 }
 
 
@@ -45,22 +45,18 @@ def unit_words(figure: FigureHistory) -> str:
 def crossing_words(trend: Trend) -> str:
     """Say in a few characters when a figure leaves its tolerance."""
     crossing, now = trend.crossing, trend.last
-    if crossing.told in _WHY_NOT:
-        return _WHY_NOT[crossing.told]
+    if crossing.outlook in _WHY_NOT:
+        return _WHY_NOT[crossing.outlook]
     earliest = date_of(now + crossing.earliest) if isfinite(crossing.earliest) else None
-    if crossing.told is Told.INTERVAL and earliest is not None:
+    if crossing.outlook is Outlook.INTERVAL and earliest is not None:
         return f"{earliest:%Y-%m}..{date_of(now + crossing.latest):%Y-%m}"
     return UNKNOWN if earliest is None else f"not by {earliest:%Y-%m}"
 
 
 def crossing_sentence(figure: FigureHistory) -> str:
     """Say why it is not known when a figure leaves its tolerance; empty if it is known."""
-    reason = _REASONS.get(figure.trend.crossing.told, "")
-    return (
-        f"{figure.name}: it cannot be told when it leaves its tolerance: {reason}."
-        if reason
-        else ""
-    )
+    reason = _REASONS.get(figure.trend.crossing.outlook, "")
+    return f"{figure.name}: when it leaves its tolerance is unknown: {reason}." if reason else ""
 
 
 def change_sentence(figure: FigureHistory, change: Change) -> str:
@@ -76,11 +72,14 @@ def change_sentence(figure: FigureHistory, change: Change) -> str:
 def attention_words(machine: MachineHistory) -> str:
     """Say what an owner must know first of a machine; empty if there is nothing."""
     figures = machine.figures
-    for told, words in ((Told.OUTSIDE, "outside"), (Told.MAYBE_OUTSIDE, "may be outside")):
-        names = [one.name for one in figures if one.trend.crossing.told is told]
+    for told, words in (
+        (Outlook.OUTSIDE, "outside"),
+        (Outlook.MAYBE_OUTSIDE, "may be outside"),
+    ):
+        names = [one.name for one in figures if one.trend.crossing.outlook is told]
         if names:
             return f"{words}: {_few(names)}"
-    leaving = [one for one in figures if one.trend.crossing.told is Told.INTERVAL]
+    leaving = [one for one in figures if one.trend.crossing.outlook is Outlook.INTERVAL]
     if leaving:
         first = min(leaving, key=lambda one: one.trend.crossing.earliest)
         return f"{crossing_words(first.trend)} outside: {first.name}"
@@ -140,7 +139,7 @@ def remarks(machine: MachineHistory) -> list[str]:
     others = max(one.other_methods for one in machine.figures)
     if others:
         said.append(f"{others} runs were solved by another method, and are left out.")
-    if all(one.trend.crossing.told is Told.NOT_ASKED for one in machine.figures):
+    if all(one.trend.crossing.outlook is Outlook.NOT_ASKED for one in machine.figures):
         said.append(f"No tolerance is stated: give it under tolerances in {FILE}.")
     few = sum(one.trend.unknown == "runs" for one in machine.figures)
     if few:

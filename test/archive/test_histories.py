@@ -17,7 +17,7 @@ from stepdiag_ros.archive.rows import Rows
 from stepdiag_ros.archive.stated import FILE
 from stepdiag_ros.cli import main
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.trends.crossing import Told
+from stepdiag_ros.metrology.trends.crossing import Outlook
 
 BEGAN = datetime(2021, 1, 1, tzinfo=timezone.utc)
 TALES = {"lathe": 6e-6, "mill": 0.0, "new": 1e-6}
@@ -89,13 +89,13 @@ def test_wear_steps_and_renamed_machines(place, tmp_path):
     assert {name: one.runs for name, one in found.items()} == {"lathe": 30, "mill": 30, "new": 4}
     worn = figure(found["lathe"], "C0Y")
     assert worn.trend.slope == pytest.approx(6e-6, abs=1.5 * worn.trend.slope_expanded)
-    assert worn.trend.grows() and worn.trend.crossing.told is Told.INTERVAL
+    assert worn.trend.grows() and worn.trend.crossing.outlook is Outlook.INTERVAL
     hit = figure(found["mill"], "C0Y")
     assert [(one.kind, one.run) for one in hit.trend.changed()] == [("step", 20)]
-    assert hit.trend.crossing.told is Told.OUTSIDE and hit.tolerance == 1e-5
+    assert hit.trend.crossing.outlook is Outlook.OUTSIDE and hit.tolerance == 1e-5
     few = figure(found["new"], "C0Y")
-    assert few.trend.unknown == "runs" and few.trend.crossing.told is Told.UNKNOWN
-    assert figure(found["new"], "positioning E_XX").trend.crossing.told is Told.NOT_ASKED
+    assert few.trend.unknown == "runs" and few.trend.crossing.outlook is Outlook.UNKNOWN
+    assert figure(found["new"], "positioning E_XX").trend.crossing.outlook is Outlook.NOT_ASKED
 
 
 def test_a_wrong_clock_is_set_right_and_a_run_in_two_bags_counts_once(place, tmp_path):

@@ -10,7 +10,7 @@ from refused import refused
 
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.trends.columns import design_of
-from stepdiag_ros.metrology.trends.crossing import Told, crossing
+from stepdiag_ros.metrology.trends.crossing import Outlook, crossing
 from stepdiag_ros.metrology.trends.series import Series
 from stepdiag_ros.metrology.trends.trend import FEWEST, Trend, trend_of
 
@@ -94,7 +94,7 @@ def test_a_trend_that_becomes_another_is_a_bend():
 @pytest.mark.parametrize("runs", range(FEWEST))
 def test_few_runs_show_nothing_and_never_zero(runs):
     trend = trend_of(series(noise(6, runs)), tolerance=1e-5)
-    assert trend.unknown == "runs" and trend.crossing.told is Told.UNKNOWN
+    assert trend.unknown == "runs" and trend.crossing.outlook is Outlook.UNKNOWN
     assert isnan(trend.level) and isnan(trend.slope) and isnan(trend.limits[0])
     assert not trend.grows() and not trend.changes
 
@@ -141,7 +141,7 @@ def test_who_wanders_is_not_told_when_he_leaves():
     years = np.linspace(0.0, 5.0, 80)
     wandering = 2e-6 * years + 1.5e-6 * np.sin(2.5 * years)
     trend = trend_of(series(wandering + 0.05 * noise(11, 80), own=3e-6), tolerance=14e-6)
-    assert trend.crossing.told is Told.WANDERS and isnan(trend.crossing.earliest)
+    assert trend.crossing.outlook is Outlook.WANDERS and isnan(trend.crossing.earliest)
 
 
 @settings(max_examples=40, deadline=None)
@@ -162,8 +162,8 @@ def test_a_crossing_is_where_the_line_may_be_on_the_limit(level, slope, spread, 
     line = level + slope * times
     half = 1.7 * np.sqrt(spread**2 + 2.0 * times * covariance[0, 1] + (times * wide) ** 2)
     may = times[np.abs(line - 10.0) <= half]
-    assert (found.told is Told.INTERVAL) == (level + 1.7 * spread <= 10.0)
-    if found.told is Told.INTERVAL:
+    assert (found.outlook is Outlook.INTERVAL) == (level + 1.7 * spread <= 10.0)
+    if found.outlook is Outlook.INTERVAL:
         assert found.earliest == pytest.approx(may[0], abs=0.01)
         assert found.latest == pytest.approx(may[-1], abs=0.01)
 
@@ -171,18 +171,18 @@ def test_a_crossing_is_where_the_line_may_be_on_the_limit(level, slope, spread, 
 @pytest.mark.parametrize(
     ("level", "slope", "told"),
     [
-        (11.0, 1.0, Told.OUTSIDE),
-        (-11.0, 1.0, Told.OUTSIDE),
-        (9.95, 1.0, Told.MAYBE_OUTSIDE),
-        (0.0, 0.01, Told.NO_TREND),
-        (0.0, 1.0, Told.TOO_FAR),
+        (11.0, 1.0, Outlook.OUTSIDE),
+        (-11.0, 1.0, Outlook.OUTSIDE),
+        (9.95, 1.0, Outlook.MAYBE_OUTSIDE),
+        (0.0, 0.01, Outlook.NO_TREND),
+        (0.0, 1.0, Outlook.TOO_FAR),
     ],
 )
 def test_why_a_crossing_cannot_be_told(level, slope, told):
     found = crossing(level, slope, np.diag([0.01, 0.01]), 10.0, 1.7, 8.0)
-    assert found.told is told and isnan(found.latest)
+    assert found.outlook is told and isnan(found.latest)
     # Until then it stays within, as far as the line may be drawn.
-    assert told in (Told.OUTSIDE, Told.MAYBE_OUTSIDE) or 0.0 < found.earliest <= 8.0
+    assert told in (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE) or 0.0 < found.earliest <= 8.0
 
 
 @settings(max_examples=10, deadline=None)

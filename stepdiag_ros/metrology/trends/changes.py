@@ -70,7 +70,7 @@ class Search:
     Args:
         design: of the series; it may be replaced by one with other variances.
         years: of its runs.
-        level: chance of a false change, at most, if there is none.
+        level: chance that any change is found in a series without change, at most.
     """
 
     def __init__(self, design: Design, years: Vector, level: float) -> None:

@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.trends.series import Series
 FREE = 5
 """Degrees of freedom that must stay; what the runs are too few for is left out."""
 _SEASONS = 1.5
-"""Years of history from which on a yearly wave can be told from a trend."""
+"""Years of history from which on a yearly wave and a trend are distinguished."""
 _KNOWN = 0.5
 """Part of the runs that must have a temperature."""
 
@@ -105,7 +105,11 @@ def design_of(series: Series, events: Sequence[int] = (), coefficient: float = 0
     runs = len(series)
     temperature, uncertain, mean = _temperature(series)
     names, columns, left_out = ["level"], [np.ones(runs)], []
+    offsets: list[Vector] = []  # which are known beforehand, and need no runs
     for name, group in _further(series, temperature, events):
+        if name == "instrument" and series.instrument_uncertainty > 0.0:
+            offsets = list(group.T)
+            continue
         basis = np.linalg.qr(np.column_stack(columns))[0]
         determined = bool(np.all(left_over(group, basis)[1]))
         room = runs - len(columns) - group.shape[1] >= FREE or name == "trend"
@@ -114,7 +118,8 @@ def design_of(series: Series, events: Sequence[int] = (), coefficient: float = 0
             names.extend([name] * group.shape[1])
         else:
             left_out.append(name)
-    matrix = np.column_stack(columns)
+    names.extend(["instrument"] * len(offsets))
+    matrix = np.column_stack([*columns, *offsets])
     own = np.nan_to_num(series.uncertainty) ** 2 + (coefficient * uncertain) ** 2
     made = Design(
         tuple(names),
@@ -125,9 +130,9 @@ def design_of(series: Series, events: Sequence[int] = (), coefficient: float = 0
         mean,
         tuple(dict.fromkeys(left_out)),
     )
-    offsets = np.array([name == "instrument" for name in names])
-    shared = series.instrument_uncertainty
-    return made.known(offsets, shared) if shared > 0.0 and np.any(offsets) else made
+    if not offsets:
+        return made
+    return made.known(np.array([n == "instrument" for n in names]), series.instrument_uncertainty)
 
 
 def _temperature(series: Series) -> tuple[Vector, Vector, float]:

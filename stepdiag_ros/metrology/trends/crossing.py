@@ -12,13 +12,12 @@ import numpy as np
 
 from stepdiag_ros.metrology.geometry import Vector
 
-
 _SURE = 0.5
-"""Part of the slope that its uncertainty may be. Of slopes that are hardly beyond theirs, those that
-chance has made steep are taken more often (Finney asks for g far below 1; here it is 0.25)."""
+"""Part of the slope that its uncertainty may be. Among slopes that are hardly beyond theirs are too
+many that chance has made steep: Finney asks for g far below 1, and here g is 0.25 at most."""
 
 
-class Told(Enum):
+class Outlook(Enum):
     """What is known of the time when a figure leaves its tolerance."""
 
     NOT_ASKED = "no tolerance is stated"
@@ -37,18 +36,18 @@ class Crossing:
     """When a figure leaves its tolerance.
 
     Attributes:
-        told: what is known.
+        outlook: what is known.
         earliest: lower end of the interval, years from now, at most as far as the line may be
             drawn: until then the figure stays within. NaN if not known.
         latest: its upper end; NaN if not known.
     """
 
-    told: Told
+    outlook: Outlook
     earliest: float = nan
     latest: float = nan
 
 
-NOT_ASKED = Crossing(Told.NOT_ASKED)
+NOT_ASKED = Crossing(Outlook.NOT_ASKED)
 
 
 def crossing(
@@ -66,19 +65,19 @@ def crossing(
     """
     wide = factor * float(np.sqrt(covariance[0, 0]))
     if abs(level) - wide > limit:
-        return Crossing(Told.OUTSIDE)
+        return Crossing(Outlook.OUTSIDE)
     if abs(level) + wide > limit:
-        return Crossing(Told.MAYBE_OUTSIDE)
+        return Crossing(Outlook.MAYBE_OUTSIDE)
     limits = (limit, -limit)
     roots = [_roots(level - one, slope, covariance, factor) for one in limits]
     first = min((time for pair in roots for time in pair if time > 0.0), default=inf)
     earliest = min(first, reach)
     if _SURE * abs(slope) <= factor * float(np.sqrt(covariance[1, 1])):
-        return Crossing(Told.NO_TREND, earliest)
+        return Crossing(Outlook.NO_TREND, earliest)
     latest = max(roots[0 if slope > 0.0 else 1])
     if latest > reach:
-        return Crossing(Told.TOO_FAR, earliest)
-    return Crossing(Told.INTERVAL, first, latest)
+        return Crossing(Outlook.TOO_FAR, earliest)
+    return Crossing(Outlook.INTERVAL, first, latest)
 
 
 def _roots(gap: float, slope: float, covariance: Vector, factor: float) -> list[float]:

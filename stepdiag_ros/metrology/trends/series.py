@@ -23,7 +23,7 @@ class Series:
         temperature_uncertainty: standard uncertainty of it, K; NaN where not known.
         instruments: name of the instrument of each run. Runs with one name share its error.
         instrument_uncertainty: standard uncertainty of the figure by the error that the runs of an
-            instrument share; NaN if not known, 0 if there is none.
+            instrument share; NaN if not known, 0 if they share nothing.
 
     Raises:
         ValueError: arrays differ in length, a value or time is not finite, times are not in order,

@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.trends.columns import (
     with_changes,
     with_rates,
 )
-from stepdiag_ros.metrology.trends.crossing import NOT_ASKED, Crossing, Told, crossing
+from stepdiag_ros.metrology.trends.crossing import NOT_ASKED, Crossing, Outlook, crossing
 from stepdiag_ros.metrology.trends.fitting import Fit
 from stepdiag_ros.metrology.trends.series import Series
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_PROBABILITY
@@ -142,7 +142,7 @@ def trend_of(
         events: years of the first run after each change of the machine that other figures show.
             What is too small to be found may have changed then, too.
     """
-    told = NOT_ASKED if np.isnan(tolerance) else Crossing(Told.UNKNOWN)
+    told = NOT_ASKED if np.isnan(tolerance) else Crossing(Outlook.UNKNOWN)
     last = float(series.years[-1]) if len(series) else nan
     if len(series) < FEWEST:
         return Trend(len(series), last, "runs", crossing=told)
@@ -164,8 +164,11 @@ def trend_of(
     rate = max(abs(float(now.coefficients[1])), float(np.sqrt(now.covariance[1, 1])))
     whole = with_changes(search.design, places, series.years)
     trend = _trend(series, with_rates(whole, steps, series.years, rate), tolerance)
-    if trend.crossing.told is not Told.NOT_ASKED and Place(len(series) - 1, "alone") in places:
-        trend = replace(trend, crossing=Crossing(Told.LAST_ALONE))
+    if (
+        trend.crossing.outlook is not Outlook.NOT_ASKED
+        and Place(len(series) - 1, "alone") in places
+    ):
+        trend = replace(trend, crossing=Crossing(Outlook.LAST_ALONE))
     return replace(trend, changes=_changes(series, places, now, search))
 
 
@@ -244,8 +247,8 @@ def _crossing(series: Series, now: Fit, tolerance: float) -> Crossing:
     reach = _REACH * float(series.years[-1] - series.years[0])
     slope, covariance = float(now.coefficients[1]), now.covariance[:2, :2]
     found = crossing(float(now.coefficients[0]), slope, covariance, tolerance, factor, reach)
-    if found.told is Told.INTERVAL and _wanders(now.residuals[: len(series)]):
-        return Crossing(Told.WANDERS)
+    if found.outlook is Outlook.INTERVAL and _wanders(now.residuals[: len(series)]):
+        return Crossing(Outlook.WANDERS)
     return found
 
 

@@ -78,7 +78,7 @@ def _crossing(trend: Trend) -> Crossing:
         f"{date_of(trend.last + one):%Y-%m-%d}" if isfinite(one) else None
         for one in (trend.crossing.earliest, trend.crossing.latest)
     ]
-    return Crossing(told=trend.crossing.told.name, earliest=ends[0], latest=ends[1])
+    return Crossing(outlook=trend.crossing.outlook.name, earliest=ends[0], latest=ends[1])
 
 
 def _stamp(time: datetime) -> str:

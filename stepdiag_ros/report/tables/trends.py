@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import inf, isfinite
 
 from stepdiag_ros.archive.histories import FigureHistory, MachineHistory
-from stepdiag_ros.metrology.trends.crossing import Told
+from stepdiag_ros.metrology.trends.crossing import Outlook
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Column, Table
@@ -23,7 +23,7 @@ from stepdiag_ros.words.trends import (
 
 _MOST = 12
 """Rows of a screen."""
-_ORDER = (Told.OUTSIDE, Told.MAYBE_OUTSIDE, Told.INTERVAL)
+_ORDER = (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE, Outlook.INTERVAL)
 
 
 def worst_first(machines: Sequence[MachineHistory]) -> list[MachineHistory]:
@@ -128,9 +128,9 @@ def _print_rest(number: int, what: str, console: PlainConsole, every: bool) -> N
 def _urgency(figure: FigureHistory) -> tuple[float, ...]:
     """Return what is smaller the more a figure needs attention."""
     trend = figure.trend
-    told = trend.crossing.told
-    rank = _ORDER.index(told) if told in _ORDER else len(_ORDER)
-    until = trend.crossing.earliest if told is Told.INTERVAL else inf
+    outlook = trend.crossing.outlook
+    rank = _ORDER.index(outlook) if outlook in _ORDER else len(_ORDER)
+    until = trend.crossing.earliest if outlook is Outlook.INTERVAL else inf
     growth = abs(trend.slope) / trend.slope_expanded if trend.grows() else 0.0
     return (rank, until, not trend.changed_lately(), -growth)
 
