@@ -1,4 +1,4 @@
-"""How well histories are told: changes found, false alarms, and crossing intervals that hold.
+"""How well histories are read: changes found, false alarms, and crossing intervals that hold.
 
 The generator below imports nothing of the package. It writes what a catalogue would hold of forty
 machines that fifty runs each follow for five years: wear, seasons, crashes, repairs, and three
@@ -129,7 +129,7 @@ def fleet(seed: int, harsh: bool) -> list[Machine]:
     return [machine(number, random, scales, harsh) for number in range(MACHINES)]
 
 
-def told(made: Machine, stated_scales: bool) -> dict:
+def read(made: Machine, stated_scales: bool) -> dict:
     """Read the history of a machine after every run, and compare it with what is known."""
     from stepdiag_ros.archive.histories import histories_of
     from stepdiag_ros.archive.stated import Stated
@@ -162,7 +162,7 @@ def told(made: Machine, stated_scales: bool) -> dict:
 
 
 def _crossing(made: Machine, figure, runs: int) -> list:
-    """Return what is told of a crossing, and whether it holds; None where no interval is told."""
+    """Return what is stated of a crossing, and whether it holds; None where nothing is stated."""
     slope = made.slope[figure.name][runs - 1]
     warm = made.thermal[figure.name] * np.nan_to_num(figure.trend.temperature - 21.0)
     level = made.level[figure.name][runs - 1] + warm
@@ -181,7 +181,7 @@ def measured(
     seed: int, harsh: bool = False, machines: int = MACHINES, stated_scales: bool = True
 ) -> dict:
     """Return the figures of one seed."""
-    scores = [told(one, stated_scales) for one in fleet(seed, harsh)[:machines]]
+    scores = [read(one, stated_scales) for one in fleet(seed, harsh)[:machines]]
     events = [one for score in scores for one in score["events"]]
     final = [one for score in scores for one in score["final"]]
     decades = machines * YEARS / 10.0
@@ -200,7 +200,7 @@ def measured(
         "false_alarms_per_machine_and_decade": sum(s["false"] for s in scores) / decades,
         "false_in_the_end_per_machine_and_decade": sum(s["final_false"] for s in scores) / decades,
         "missed_sizes": sorted(round(size, 1) for size, seen in events if not seen),
-        "told: holds, judged, all": holds,
+        "holds, judged, all": holds,
     }
 
 

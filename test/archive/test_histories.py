@@ -3,6 +3,7 @@
 import importlib.util
 import json
 from datetime import datetime, timedelta, timezone
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -189,3 +190,19 @@ def test_what_is_not_there_is_refused(place, tmp_path, capsys, monkeypatch):
     )
     assert main(["history", place.url]) == 1
     assert "duckdb" in capsys.readouterr().err
+
+
+def test_the_sealed_machines_are_read_right(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
+    import history
+
+    seeds = [history.measured(seed, machines=10) for seed in (101, 102, 103)]
+    total = {
+        name: sum(one[name] for one in seeds)
+        for name in ("changes", "found_within_two_runs", "false_alarms_per_machine_and_decade")
+    }
+    assert total["found_within_two_runs"] >= 0.9 * total["changes"] > 20
+    assert total["false_alarms_per_machine_and_decade"] <= len(seeds)
+    holds, judged = np.sum([one["holds, judged, all"]["INTERVAL"][:2] for one in seeds], axis=0)
+    # 90 % of some 50 intervals; the number that holds varies by 2.
+    assert 0.8 * judged <= holds and judged > 20

@@ -21,8 +21,8 @@ from stepdiag_ros.words.trends import (
     value_words,
 )
 
-_MOST = 12
-"""Rows of a screen."""
+_MOST = 10
+"""Rows of a screen; some need two lines."""
 _ORDER = (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE, Outlook.INTERVAL)
 
 
@@ -46,7 +46,7 @@ def print_machines(machines: Sequence[MachineHistory], console: PlainConsole, ev
             Column("last run"),
             Column("largest / µm", number=True),
             Column("a year / µm", number=True),
-            Column("attention", wraps=True, widest=20),
+            Column("attention", wraps=True, widest=25),
         ],
     )
     for machine in worst_first(machines)[: None if every else _MOST]:
@@ -100,7 +100,7 @@ def _figures(machine: MachineHistory, every: bool) -> Table:
     table = Table(
         "",
         [
-            Column("figure", wraps=True, widest=18),
+            Column("figure", wraps=True, widest=16),
             Column("now ± U", number=True),
             Column("a year ± U", number=True),
             Column("limits", number=True),
