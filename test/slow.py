@@ -22,6 +22,7 @@ CELL = ("bags", "devices", "embedded", "messages", "nodes", "parameters", "proce
 SLOW: dict[str, tuple[str, ...]] = {
     "*::many": (),  # machines, runs or moments; "few" of them are quick
     "*::many-*": (),
+    "archive/test_histories.py::test_the_sealed*": ("archive", "benchmarks", "metrology"),
     "bags/test_table.py::*::effect_[bcdf]": (),
     "bands/test_bands.py::test_no_band_is_too_narrow*": ("metrology",),
     "blind/test_blind.py::test_every_case*": ("metrology",),

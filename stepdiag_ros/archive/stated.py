@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from math import inf, nan
 from typing import Any
 
 from stepdiag_ros.archive.place import Place
@@ -19,10 +20,16 @@ class Stated:
     Attributes:
         machines: name or serial number that bags state → name under which the machine is listed.
         times: identity of a run, or SHA-256 of its bag → when it really began.
+        tolerances: machine, or empty for all → figure → largest magnitude that it may have, in its
+            unit.
+        scales: serial number or name of an instrument → relative standard uncertainty of the scale
+            that its runs share.
     """
 
     machines: Mapping[str, str] = field(default_factory=dict)
     times: Mapping[str, datetime] = field(default_factory=dict)
+    tolerances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    scales: Mapping[str, float] = field(default_factory=dict)
 
 
 def stated_in(place: Place) -> Stated:
@@ -41,7 +48,9 @@ def stated_in(place: Place) -> Stated:
     known = Stated.__dataclass_fields__
     if not isinstance(told, dict) or not {*told} <= {*known}:
         raise Refusal(f"{where}: give {' and '.join(known)}, each a table", fault="unknown")
-    machines, times = (_table(told.get(name) or {}, name, where) for name in known)
+    machines, times, tolerances, scales = (
+        _table(told.get(name) or {}, name, where) for name in known
+    )
     for old, new in machines.items():
         if not isinstance(new, str) or not new or new in machines:
             raise Refusal(
@@ -51,7 +60,35 @@ def stated_in(place: Place) -> Stated:
                 about=old,
                 where=where,
             )
-    return Stated(machines, {run: _time(run, time, where) for run, time in times.items()})
+    limits: dict[str, dict[str, float]] = {"": {}}
+    for name, limit in tolerances.items():
+        of_one = isinstance(limit, dict)
+        for figure, size in _table(limit, name, where).items() if of_one else [(name, limit)]:
+            limits.setdefault(name if of_one else "", {})[figure] = _size(
+                size, "tolerances", figure, where
+            )
+    return Stated(
+        machines,
+        {run: _time(run, time, where) for run, time in times.items()},
+        limits,
+        {name: _size(size, "scales", name, where) for name, size in scales.items()},
+    )
+
+
+def _size(told: Any, table: str, about: str, where: str) -> float:
+    try:
+        size = nan if isinstance(told, bool) else float(told)
+    except (TypeError, ValueError):
+        size = nan
+    if not 0.0 < size < inf:
+        raise Refusal(
+            f"{where}: {table}: '{about}' needs a number above 0 in SI units, such as 2.0e-5, not"
+            f" '{told}'",
+            fault="malformed",
+            about=about,
+            where=where,
+        )
+    return size
 
 
 def _table(told: Any, name: str, where: str) -> dict[str, Any]:

@@ -52,6 +52,7 @@ _HOMES = {
     "volume": "volumes",
     "weather": "air",
     "worst_error": "worst_place",
+    "years_of_machine": "trends",
 }
 """Function → module of this package; no module has the name of a function, which it would hide."""
 __all__ = ["CURVES", "ROTATIONS", "TRANSLATIONS", "stamp", *_HOMES]

@@ -23,7 +23,7 @@ def picture_bytes(plan: Plan, machine: Machine, path: Path) -> bytes:
     """
     from stepdiag_ros import plots
 
-    return _in_format(lambda: plots.plan(plan, machine), path)
+    return drawn(lambda: plots.plan(plan, machine), path)
 
 
 def frontier_bytes(proposal: PlanProposal, path: Path) -> bytes:
@@ -31,7 +31,7 @@ def frontier_bytes(proposal: PlanProposal, path: Path) -> bytes:
     from stepdiag_ros import plots
 
     front, chosen = proposal.front, proposal.chosen
-    return _in_format(
+    return drawn(
         lambda: plots.frontier(
             [(one.duration.total, one.uncertainty) for one in front],
             (chosen.duration.total, chosen.uncertainty),
@@ -41,7 +41,8 @@ def frontier_bytes(proposal: PlanProposal, path: Path) -> bytes:
     )
 
 
-def _in_format(draw: "Callable[[], Figure]", path: Path) -> bytes:
+def drawn(draw: "Callable[[], Figure]", path: Path) -> bytes:
+    """Return a picture in the format of a path's ending; see ``picture_bytes``."""
     ending = path.suffix.lstrip(".")
     if ending not in PICTURE_FORMATS:
         raise ValueError(f"{path}: pictures are written as .{', .'.join(PICTURE_FORMATS)}")

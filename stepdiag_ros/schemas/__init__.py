@@ -25,6 +25,7 @@ VERSIONS = {
     "result": 1,
     "diagnosis": 1,
     "history": 1,
+    "trends": 1,
     "budget": 1,
     "comparison": 1,
     "iso230": 1,

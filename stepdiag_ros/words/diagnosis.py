@@ -46,15 +46,19 @@ MEANING = {
 
 def readable(size: Size) -> tuple[str, float]:
     """Return the unit in which people read a size, and the factor from SI."""
-    unit = size.unit
-    if unit in _READABLE:
-        return _READABLE[unit]
-    if unit == "1":
+    if size.unit == "1":
         relative = max(abs(size.low), abs(size.high)) <= _SMALL
         return ("µm/m", IN_MICRO) if relative else ("", 1.0)
+    return readable_unit(size.unit)
+
+
+def readable_unit(unit: str) -> tuple[str, float]:
+    """Return the unit in which people read what is in a unit of SI, and the factor from it."""
+    if unit in _READABLE:
+        return _READABLE[unit]
     if unit in ("m", "rad") or unit.startswith(("m/", "rad/")):
         return f"µ{unit}", IN_MICRO
-    return unit, 1.0
+    return ("", 1.0) if unit == "1" else (unit, 1.0)
 
 
 def size_words(finding: Finding, size: Size) -> str:

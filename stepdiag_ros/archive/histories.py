@@ -1,0 +1,289 @@
+"""From the catalogue of an archive to what the years of each machine show."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from math import hypot, isfinite, nan, sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stepdiag_ros.archive.stated import Stated
+from stepdiag_ros.metrology.geometry import SQUARENESS
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.trends.series import Series
+from stepdiag_ros.metrology.trends.trend import LEVEL, Trend, trend_of
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+
+if TYPE_CHECKING:
+    from stepdiag_ros.archive.catalogue import Catalogue
+
+_TRAVELS = """
+select coalesce(machine, ?) as machine, name,
+    max(list_max(position_m) - list_min(position_m)) as travel
+from curves where name in ('E_XX', 'E_YY', 'E_ZZ') group by all
+"""
+UNNAMED = "unnamed"
+_YEAR = timedelta(days=365.2425)
+_FIRST = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_ROWS = """
+select f.time, f.machine, f.run_id, f.bag_sha256, kind, f.method, name, unit, value,
+    standard_uncertainty, expanded_uncertainty, instrument, instrument_serial_number,
+    material_temperature_degC, material_temperature_range_K
+from figures f join runs r on f.bag_sha256 = r.bag_sha256
+    and f.run_id is not distinct from r.run_id
+where f.time is not null and isfinite(value) and relied_on and ? in ('', f.machine)
+    and (kind in ('volume', 'effect') or kind = 'result' and not starts_with(name, 'tilt '))
+order by f.machine nulls last, f.time, f.bag_sha256
+"""
+"""Figures that are followed: those with a sign and an uncertainty, and the largest error. A tilt is
+of mirror and laser, not of the machine."""
+
+
+_Figure = tuple[str, str]
+"""Kind and name."""
+_NEAR = 2
+"""Runs between the dates that two figures give to one event, at most."""
+
+
+@dataclass(frozen=True)
+class FigureHistory:
+    """A figure of a machine over its runs.
+
+    Attributes:
+        kind: ``volume``, ``result`` or ``effect``, as in the catalogue.
+        name: of the figure.
+        unit: of its values.
+        times: when each run was made.
+        values: of each run.
+        expanded: U of each value, NaN where not known.
+        trend: what they show.
+        tolerance: largest magnitude that the owner allows; NaN if none is stated.
+        other_methods: number of runs that are left out, since another method solved them.
+    """
+
+    kind: str
+    name: str
+    unit: str
+    times: tuple[datetime, ...]
+    values: Sequence[float]
+    expanded: Sequence[float]
+    trend: Trend
+    tolerance: float
+    other_methods: int
+
+
+@dataclass(frozen=True)
+class MachineHistory:
+    """A machine over its runs.
+
+    Attributes:
+        name: of the machine in the archive.
+        runs: number of runs with a date and a figure.
+        first: when the first was made.
+        last: when the last was made.
+        instruments: names of those that measured it; empty texts where no bag states one.
+        figures: of the machine.
+        without_temperature: number of runs whose bag states none.
+        scale_known: the owner states the uncertainty of the scale of each instrument.
+    """
+
+    name: str
+    runs: int
+    first: datetime
+    last: datetime
+    instruments: tuple[str, ...]
+    figures: tuple[FigureHistory, ...]
+    without_temperature: int
+    scale_known: bool
+
+
+def date_of(years: float) -> datetime:
+    """Return the date of a time in a series."""
+    return _FIRST + years * _YEAR
+
+
+def histories(catalogue: "Catalogue", machine: str = "") -> list[MachineHistory]:
+    """Return the history of each machine, or of one.
+
+    Args:
+        catalogue: of the archive.
+        machine: name in the archive; empty: all.
+
+    Raises:
+        ValueError: a part is damaged, or there is no such machine; lists the existing ones.
+    """
+    rows = catalogue.ask(_ROWS, [machine])
+    if machine and not rows:
+        known = [one["machine"] for one in catalogue.ask("select distinct machine from runs")]
+        names = ", ".join(sorted(name or UNNAMED for name in known))
+        raise Refusal(
+            f"{catalogue.place.url} has no dated figure of a machine '{machine}'; its machines are:"
+            f" {names or 'none'}",
+            fault="not_found",
+            about=machine,
+        )
+    travels: dict[str, dict[str, float]] = {}
+    for one in catalogue.ask(_TRAVELS, [UNNAMED]) if catalogue.stated.scales else ():
+        travels.setdefault(one["machine"], {})[one["name"]] = one["travel"]
+    return [*histories_of(rows, catalogue.stated, travels)]
+
+
+def histories_of(
+    rows: Iterable[Mapping[str, Any]],
+    stated: Stated,
+    travels: Mapping[str, Mapping[str, float]],
+) -> Iterator[MachineHistory]:
+    """Yield the history of each machine.
+
+    Args:
+        rows: of figures, each with what is known of its run, in the order of their dates.
+        stated: by the owner.
+        travels: machine → ``E_XX``, ``E_YY``, ``E_ZZ`` → travel that was measured, m.
+    """
+    machines: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        machines.setdefault(row["machine"] or UNNAMED, []).append(row)
+    for name, own in machines.items():
+        yield _history(name, own, stated, travels.get(name, {}))
+
+
+def _history(
+    name: str,
+    rows: Sequence[Mapping[str, Any]],
+    stated: Stated,
+    travels: Mapping[str, float],
+) -> MachineHistory:
+    figures: dict[tuple[str, str], dict[Any, Mapping[str, Any]]] = {}
+    runs: dict[Any, Mapping[str, Any]] = {}
+    for row in rows:
+        # A run may be in two bags, such as a copy that was closed properly.
+        identity = row["run_id"] or row["bag_sha256"]
+        runs.setdefault(identity, row)
+        figures.setdefault((row["kind"], row["name"]), {}).setdefault(identity, row)
+    instruments = tuple(sorted({_instrument(one) for one in runs.values()}))
+    known = [stated.scales[one] for one in instruments if one in stated.scales]
+    scale = max(known) if len(known) == len(instruments) else nan
+    tolerances = {**stated.tolerances.get("", {}), **stated.tolerances.get(name, {})}
+    kept = {key: _of_usual_method([*own.values()]) for key, own in figures.items()}
+    series = {key: series_of(own, scale * _length(*key, travels)) for key, own in kept.items()}
+    limits = {key: tolerances.get(key[1], nan) for key in figures}
+    trends = _trends(series, limits)
+    return MachineHistory(
+        name,
+        len(runs),
+        rows[0]["time"],
+        rows[-1]["time"],
+        instruments,
+        tuple(
+            FigureHistory(
+                *key,
+                kept[key][0]["unit"],
+                tuple(row["time"] for row in kept[key]),
+                series[key].values.tolist(),
+                (COVERAGE_FACTOR * series[key].uncertainty).tolist(),
+                trend,
+                limits[key],
+                len(figures[key]) - len(kept[key]),
+            )
+            for key, trend in trends.items()
+        ),
+        sum(one["material_temperature_degC"] is None for one in runs.values()),
+        isfinite(scale),
+    )
+
+
+def _trends(
+    series: Mapping[_Figure, Series], limits: Mapping[_Figure, float]
+) -> dict[_Figure, Trend]:
+    """Return what each figure of a machine shows, knowing when others have changed."""
+    level = LEVEL / len(series)
+    trends = {key: trend_of(one, level, limits[key]) for key, one in series.items()}
+    steps = {
+        key: [
+            (one.e_n, float(series[key].years[one.run]))
+            for one in trend.changes
+            if one.kind == "step"
+        ]
+        for key, trend in trends.items()
+    }
+    events: list[float] = []
+    near = _runs_apart([*series.values()])
+    for _, year in sorted((one for own in steps.values() for one in own), reverse=True):
+        if not any(near(year, one) for one in events):
+            events.append(year)
+    for key, one in series.items():
+        others = [year for year in events if not any(near(year, own) for _, own in steps[key])]
+        if others:
+            trends[key] = trend_of(one, level, limits[key], others)
+    return trends
+
+
+def _runs_apart(series: Sequence[Series]) -> Callable[[float, float], bool]:
+    """Return what says whether two dates are so few runs apart that they may be of one event."""
+    every = np.unique(np.concatenate([one.years for one in series]))
+
+    def near(one: float, other: float) -> bool:
+        return abs(int(np.searchsorted(every, one) - np.searchsorted(every, other))) <= _NEAR
+
+    return near
+
+
+def _length(kind: str, figure: str, travels: Mapping[str, float]) -> float:
+    """Return the length that an error of scale acts on, m; NaN where it is not known.
+
+    Straightness and angles do not depend on it. A diagonal is at most that of the box.
+    """
+    what, _, curve = figure.partition(" ")
+    if kind == "result" and (what in SQUARENESS or what.startswith(("straightness", "angular"))):
+        return 0.0
+    if what == "positioning":
+        return travels.get(curve, nan)
+    if what == "diagonal" or kind == "volume":
+        return hypot(*travels.values()) if len(travels) == len("XYZ") else nan
+    return nan
+
+
+def _of_usual_method(rows: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the rows by the method that most have; of two of them the one that was used last.
+
+    Two methods may differ by more than their uncertainties: setup errors act on each otherwise.
+    """
+    methods = [row["method"] for row in rows]
+    usual = max(reversed(methods), key=methods.count)
+    return [row for row in rows if row["method"] == usual]
+
+
+def series_of(rows: Sequence[Mapping[str, Any]], shared: float) -> Series:
+    """Return the rows of one figure as a series.
+
+    The temperature of a run is as uncertain as it varied from stop to stop (rectangular).
+
+    Args:
+        rows: of the figure.
+        shared: standard uncertainty of the figure by what the runs of an instrument share; NaN if
+            not known: then the history alone determines how instruments differ.
+    """
+    own = [
+        _number(row["expanded_uncertainty"]) / COVERAGE_FACTOR
+        if row["standard_uncertainty"] is None
+        else float(row["standard_uncertainty"])
+        for row in rows
+    ]
+    return Series(
+        np.array([(row["time"] - _FIRST) / _YEAR for row in rows]),
+        np.array([row["value"] for row in rows], float),
+        np.array(own),
+        np.array([_number(row["material_temperature_degC"]) for row in rows]),
+        np.array([_number(row["material_temperature_range_K"]) for row in rows]) / sqrt(12.0),
+        [_instrument(row) for row in rows],
+        shared,
+    )
+
+
+def _instrument(row: Mapping[str, Any]) -> str:
+    return str(row["instrument_serial_number"] or row["instrument"] or "")
+
+
+def _number(value: float | None) -> float:
+    return nan if value is None else float(value)
