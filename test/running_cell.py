@@ -17,21 +17,24 @@ Every tick wakes ten nodes: at the default of 4 ms that is a third of what a run
 """
 
 
+BUSY = 20.0
+"""Seconds for which a computer that runs several cells may let a node wait."""
+
+
 def nodes_of(
-    folder, plan="quick", factor=10.0, cell="demo", rate=0.0, tick=TICK, heartbeat_timeout=None
+    folder, plan="quick", factor=10.0, cell="demo", rate=0.0, tick=TICK, heartbeat_timeout=BUSY
 ):
     """Return the nodes of a simulated cell, for a run that takes little of the processor.
 
-    ``heartbeat_timeout``: after which a node counts as lost, s; None for the cell's own.
+    ``heartbeat_timeout``: after which a node counts as lost, s.
     """
     from stepdiag_ros.processes.cell import simulated_cell
 
     nodes = simulated_cell(plan, "demo", cell, folder, factor, rate, 1)
     (clock,) = (node for node in nodes if node.name == "clock")
     clock.parameters["period"] = tick
-    if heartbeat_timeout is not None:
-        for node in nodes:
-            node.parameters["heartbeat_timeout"] = heartbeat_timeout
+    for node in nodes:
+        node.parameters["heartbeat_timeout"] = heartbeat_timeout
     return nodes
 
 

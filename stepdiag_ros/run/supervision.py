@@ -30,7 +30,7 @@ WORKER_LIMIT = 10.0
 """Real seconds without a heartbeat after which results that a node owes are not waited for any
 more: after a run nothing moves, and a computer that is busy with the last results is not a loss."""
 MISSES = "misses"
-"""Fact by which a node names the nodes that it does not hear at present, in full."""
+"""Fact by which a node names, in full, the nodes whose heartbeats are missing."""
 CLOCK_ROLE = "clock"
 """Role of the node that publishes simulated time."""
 BY_HAND_ROLE = "by_hand"
@@ -254,8 +254,8 @@ class Watch:
     def deaf(self, roles: Collection[str]) -> list[str]:
         """Return a sentence for each pair of nodes of these roles of which one misses the other.
 
-        A process that was stopped for long is discovered anew by each of the others in its turn.
-        What a node publishes before that never arrives there.
+        Each node discovers a process again that was stopped for long, one after another. What a
+        node publishes before that never arrives there.
         """
         alive = {
             name: peer
@@ -263,7 +263,7 @@ class Watch:
             if peer.role in roles and name not in self.lost
         }
         return [
-            f"the {peer.role} does not hear the {alive[missed].role} yet"
+            f"the {peer.role} has not found the {alive[missed].role} again yet"
             for peer in alive.values()
             for missed in peer.facts.get(MISSES, "").split()
             if missed in alive

@@ -52,7 +52,7 @@ class Look:
     """What one look at a beginning run has found.
 
     Attributes:
-        begins: every node has taken it up, and hears the others.
+        begins: every node has taken it up, and finds the others.
         text: what is waited for, and what to do where a node is silent.
         gives_up: it is not waited for any more.
     """

@@ -13,7 +13,7 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_plan
 from stepdiag_ros.run.sequence import State
 
-LOST = 4.0
+LOST = 10.0
 """Seconds of silence after which a node counts as lost in these cells: twice the default, so that
 the others are heard on a busy computer."""
 ROLES = {

@@ -62,7 +62,7 @@ ARRIVED_IN = NANOSECONDS
 ASK_PERIOD = NANOSECONDS // 2
 """ns between two questions to the controller manager."""
 CLOCK_LIMIT = NANOSECONDS
-"""ns by which the time of a position may differ from ours."""
+"""ns by which the time of a position may differ from ours, if it may not be late by more."""
 STRAYED = 1e-4
 """m: an axis that stands moves no farther, whatever its servo does."""
 CODES = {
@@ -359,7 +359,7 @@ class Ros2ControlCnc:
         if strange := [name for name in names if not isfinite(positions[name])]:
             self._unusable = f"{self._source}: the position of {', '.join(strange)} is not a number"
             return
-        if abs(self._now - stamp) > CLOCK_LIMIT:
+        if abs(self._now - stamp) > max(CLOCK_LIMIT, self._settings.silence * NANOSECONDS):
             off = (stamp - self._now) / NANOSECONDS
             self._unusable = (
                 f"{self._source} is stamped {off:+.3g} s off our time: synchronize the clocks"

@@ -116,7 +116,7 @@ def diagnose(
     noise = estimate_noise(baseline, baseline.gap, stops, stated)
     effects = _effects(catalogue)
     if not np.isfinite(noise.size) or not noise.size > 0.0:
-        unknown = f"its noise is unknown: no pass of {LEAST_STOPS} stops or more is repeated"
+        unknown = f"no pass of {LEAST_STOPS} stops or more is repeated, so the noise is unknown"
         return _not_testable(stops, baseline, noise, unknown)
     taken = {(one.effect.name, one.effect.label(one.setting)) for one in fitted}
     given = Loose(rotation=_typical((*known, *fitted)))
@@ -488,7 +488,7 @@ def _what_is_lacking(stops: Stops) -> str:
 
 def _not_testable(stops: Stops, baseline: Baseline, noise: Noise, why: str) -> Diagnosis:
     freedom = len(baseline.gap) - int(np.linalg.matrix_rank(baseline.matrix))
-    sentence = f"This run does not show whether the model is right: {why}."
+    sentence = f"The model was not tested: {why}."
     gap = baseline.spread(baseline.gap)
     return _unfitted(verdicts.NOT_TESTABLE, sentence, stops, gap, freedom, noise)
 

@@ -83,6 +83,7 @@ def all_is_heard(cell):
     results = [one for one in cell.said[topics.VOLUMETRIC_ERRORS] if one.method == "least_squares"]
     return (
         any(one.run_over for one in cell.said[topics.DIAGNOSIS])
+        and any(one.run_over for one in cell.said[topics.RUN_VERDICT])
         and len(cell.said[topics.STOP]) == state.stops_total
         and bool(results)
         and results[-1].lines == state.line_count
