@@ -484,7 +484,8 @@ class Ros2ControlCnc:
             self._within = None
         elif far_axes(self._position, self._target, self._near):
             self._within = None
-            if self._now - self._since > ARRIVED_IN and self._stands(instant):
+            # By the time of the positions: they may come later than the controller's word.
+            if instant - self._since > ARRIVED_IN and self._stands(instant):
                 where = ", ".join(f"{value * 1e3:.4f}" for value in self._position)
                 self._fault(
                     f"the controller has ended the move at {where} mm, away from the target"
