@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, TRANSLATIONS, Vecto
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
-from stepdiag_ros.plots.places import WIDE, here
+from stepdiag_ros.plots.places import here
 from stepdiag_ros.plots.style import (
     AFTER,
     BEFORE,
@@ -41,7 +41,7 @@ def many(results: VolumetricErrors | Sequence[VolumetricErrors]) -> list[Volumet
 
 def curve_words(name: str) -> str:
     """Say in words what a curve is: ``E_ZX: Z error as X moves``; its name where all is narrow."""
-    if here().share < WIDE.share:
+    if here().narrow:
         return name
     if name in ROTATIONS:
         return f"{name}: rotation about {AXES['ABC'.index(name[2])]} as {name[3]} moves"

@@ -25,6 +25,11 @@ class Place(NamedTuple):
         """Return the width of the figure, inches."""
         return self.share * WIDTH
 
+    @property
+    def narrow(self) -> bool:
+        """Say whether only short words have room."""
+        return self.share < WIDE.share
+
 
 WHOLE = Place()
 FLAT = Place(1.0, 0.55)

@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Line, P
 from stepdiag_ros.metrology.plan import FORWARD as FORWARD_SENSE
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.tracked_line import station_of, test_line_of
-from stepdiag_ros.plots.places import WIDE, here
+from stepdiag_ros.plots.places import here
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import COLOURS, SMALL_SIZE, Sheet, panel_title
 from stepdiag_ros.plots.tracker import tracker_space
@@ -62,7 +62,7 @@ def plan(
     for line in plan.lines:
         kinds.setdefault(_kind(line), []).append(line)
     columns = min(len(kinds), 2)
-    narrow = here().share < WIDE.share
+    narrow = here().narrow
     sheet = Sheet(
         len(kinds),
         columns,

@@ -1,5 +1,6 @@
 """Figures of a machine over its years: runs, line, control limits, tolerance and changes."""
 
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ def years_of_machine(
 def _draw(panel: Any, figure: FigureHistory) -> None:
     unit, factor = readable_unit(figure.unit)
     trend = figure.trend
-    years = np.array([one.year + (one.timetuple().tm_yday - 1) / 365.2425 for one in figure.times])
+    years = np.array([_year_of(one) for one in figure.times])
     values = np.array(figure.values) * factor
     known = trend.unknown == ""
     shown = trend.adjusted * factor if known else values
@@ -78,9 +79,12 @@ def _draw(panel: Any, figure: FigureHistory) -> None:
         if change.kind == "alone":
             panel.plot(years[change.run], shown[change.run], "x", color=BEFORE.colour)
         else:
-            dates = [date_of(one) for one in (change.earliest, change.latest)]
-            ends = [one.year + (one.timetuple().tm_yday - 1) / 365.2425 for one in dates]
+            ends = [_year_of(date_of(one)) for one in (change.earliest, change.latest)]
             panel.axvspan(*ends, color=BEFORE.colour, alpha=0.25, linewidth=0.0)
     told = "too few runs" if trend.unknown else crossing_words(trend)
     panel_title(panel, f"{figure.name}\noutside: {told}")
     scales(panel, "year", f"{figure.name.split(':')[0]} / {unit}" if unit else figure.name)
+
+
+def _year_of(date: datetime) -> float:
+    return date.year + (date.timetuple().tm_yday - 1) / 365.2425

@@ -32,10 +32,10 @@ def worst_first(machines: Sequence[MachineHistory]) -> list[MachineHistory]:
 
 
 def print_machines(machines: Sequence[MachineHistory], console: PlainConsole, every: bool) -> None:
-    """Print a row a machine, worst first.
+    """Print a row a machine.
 
     Args:
-        machines: of an archive.
+        machines: of an archive, as ``worst_first`` returns them.
         console: to print on.
         every: print all, not only what fits on a screen.
     """
@@ -49,7 +49,7 @@ def print_machines(machines: Sequence[MachineHistory], console: PlainConsole, ev
             Column("attention", wraps=True, widest=25),
         ],
     )
-    for machine in worst_first(machines)[: None if every else _MOST]:
+    for machine in machines[: None if every else _MOST]:
         sizes = [UNKNOWN, UNKNOWN]
         for one in machine.figures:
             if one.name == LARGEST:
