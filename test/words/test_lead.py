@@ -24,7 +24,7 @@ from stepdiag_ros.report.documents.run import report_json
 from stepdiag_ros.report.tables.run import print_report
 from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import plus_minus
-from stepdiag_ros.words.lead import next_lines, sentences_of, size_sentences
+from stepdiag_ros.words.lead import from_here, next_lines, sentences_of, size_sentences
 
 U_NODE = 5e-8
 COMMON = 3e-8
@@ -238,3 +238,14 @@ def test_a_run_without_repeats_is_said_to_be_one(plan, repeated):
     assert lead.repeated is repeated
     consistent = replace(lead, verdict=Verdict("CONSISTENT", "They agree."))
     assert any("No line was repeated" in one for one in sentences_of(consistent)) is not repeated
+
+
+def test_a_path_is_named_as_seen_from_the_present_folder(tmp_path, monkeypatch):
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    assert from_here(here / "results/a.mcap") == Path("results/a.mcap")
+    assert from_here(Path("a.mcap")) == Path("a.mcap")
+    # Outside of it a path stays as it was given.
+    assert from_here(tmp_path / "b.mcap") == tmp_path / "b.mcap"
+    assert from_here(Path("../b.mcap")) == Path("../b.mcap")
