@@ -20,6 +20,7 @@ from textwrap import wrap
 from stepdiag_ros.commands.arguments import Command, CommandParser, Group, HintingParser
 from stepdiag_ros.metrology.registry import of_modules
 from stepdiag_ros.text.sentence import PREFIX, sentence
+from stepdiag_ros.text.terminal import columns, fitted
 
 _DESCRIPTION = """\
 Measure the positioning, straightness and squareness errors of a three-axis
@@ -164,7 +165,7 @@ def _run(argv: Sequence[str] | None) -> int:
     except (ValueError, OSError) as error:
         if arguments.traceback:
             raise
-        print(f"{PREFIX}{sentence(error)}", file=sys.stderr)
+        print(fitted(f"{PREFIX}{sentence(error)}", columns(sys.stderr)), file=sys.stderr)
         return _EXIT_REFUSED
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -10,19 +11,49 @@ from difflib import get_close_matches
 from enum import Enum
 from functools import partial
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import Any, NoReturn
+
+from stepdiag_ros.text.terminal import columns, fitted
 
 _HIGHEST_PORT = 65535
 _HIGHEST_SEED = 2**31
 
 
+_REASON = " " * 6
+"""In front of the comment on a command that stands above it."""
+
+
+def fit_line(line: str, width: int) -> str:
+    """Return a line of a help text that fits the terminal; a command stays on one line.
+
+    Args:
+        line: words, or two columns with two blanks or more between them.
+        width: columns of the terminal.
+    """
+    if len(line) <= width:
+        return line
+    left, gap, right = re.fullmatch(r"(\s*\S+(?: \S+)*)(\s{2,})?(.*)", line).groups("")  # type: ignore[union-attr]
+    indent = " " * (len(left) - len(left.lstrip()))
+    is_command = left.lstrip().startswith(("stepdiag ", "pip ", "python"))
+    if not gap:
+        return line if is_command else fitted(line, width, indent)
+    if is_command:
+        return f"{left}\n{fitted(_REASON + right, width, _REASON)}"
+    return fitted(line, width, " " * len(left + gap))
+
+
 class _HelpFormatter(argparse.HelpFormatter):
-    """Wraps a paragraph of one line, and leaves lines that were broken on purpose (examples)."""
+    """Wraps a paragraph of one line; of lines that were broken on purpose, those that are too long.
+
+    The latter are examples and lists.
+    """
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n" not in text:
             return super()._fill_text(text, width, indent)
-        return "".join(indent + line for line in text.splitlines(keepends=True)) + "\n"
+        # Two columns fewer than the terminal are for a text without line ends.
+        return "\n".join(fit_line(indent + line, width + 2) for line in text.split("\n")) + "\n"
 
 
 class HintingParser(argparse.ArgumentParser):
@@ -35,7 +66,13 @@ class HintingParser(argparse.ArgumentParser):
 
     def format_help(self) -> str:
         """Return the help, with what takes long to find out only here."""
-        return super().format_help() + (self._further_help() if self._further_help else "")
+        further = self._further_help() if self._further_help else ""
+        width = get_terminal_size().columns
+        return super().format_help() + "\n".join(fit_line(x, width) for x in further.split("\n"))
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        """End the program with a message that fits the terminal."""
+        super().exit(status, message and fitted(message, columns(sys.stderr)))
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:
@@ -104,8 +141,10 @@ class CommandParser(HintingParser):
         if not options:
             self.error(f"one argument too many: {' '.join(unknown)}")
         wrong = options[0].partition("=")[0]
-        near = get_close_matches(wrong, self._option_string_actions, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"'{self.prog} --help' lists them"
+        # All begin with two dashes, which makes none of them alike.
+        names = [one[2:] for one in self._option_string_actions if one.startswith("--")]
+        near = get_close_matches(wrong.lstrip("-"), names, n=1)
+        hint = f"did you mean --{near[0]}?" if near else f"'{self.prog} --help' lists them"
         self.error(f"there is no option {wrong}; {hint}")
 
 

@@ -52,7 +52,7 @@ examples:
   stepdiag diagnose run.mcap --propose more.yaml writes a short extra plan
   stepdiag run --plan more.yaml                  measures it
   stepdiag diagnose run.mcap more.mcap           both runs together
-  stepdiag diagnose may.mcap june.mcap july.mcap what stays, grows, comes and goes"""
+  stepdiag diagnose may.mcap june.mcap july.mcap  what stays, grows, comes and goes"""
 
 
 def _add_options(parser: ArgumentParser) -> None:

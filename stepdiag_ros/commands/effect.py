@@ -13,13 +13,14 @@ if TYPE_CHECKING:
 
 _EXAMPLES = """\
 examples:
-  stepdiag diagnose run.mcap --extend mill.yaml       DESCRIBED: the model learns a formula
-  stepdiag effect new quadrant-bend --model mill.yaml the formula as a package of its own
-  pytest quadrant_bend                                its test
-  pip install ./quadrant_bend                         now the diagnosis tries it on every run
+  stepdiag diagnose run.mcap --extend mill.yaml        DESCRIBED: the model learns a formula
+  stepdiag effect new quadrant-bend --model mill.yaml  the formula as a package of its own
+  pytest quadrant_bend                                 its test
+  pip install ./quadrant_bend                          now the diagnosis tries it on every run
 
-The package holds the module, its test and pyproject.toml. State 'sentence' and 'source' in the
-module before you install it: the diagnosis refuses an effect without them."""
+The package holds the module, its test and pyproject.toml. State 'sentence' and
+'source' in the module before you install it: the diagnosis refuses an effect
+without them."""
 
 
 def _add_options(parser: ArgumentParser) -> None:

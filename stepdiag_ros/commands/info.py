@@ -72,7 +72,7 @@ def _print(info: "BagInfo") -> None:
         if info.diagnosis:
             rows.append(("Diagnosis", info.diagnosis))
     for name, text in rows:
-        console.print(f"{name + ':':<11}{text}", soft_wrap=True)
+        console.sentence(f"{name + ':':<11}{text}", indent=" " * 11)
     if info.topics:
         console.print()
         console.print(_topics(info))

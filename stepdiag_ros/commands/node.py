@@ -25,7 +25,9 @@ NODES = (
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("name", choices=NODES, type=_module, help="which node")
+    parser.add_argument(
+        "name", choices=NODES, type=_module, metavar="NODE", help=f"one of {', '.join(NODES)}"
+    )
     parser.add_argument(
         "ros_arguments",
         nargs=argparse.REMAINDER,

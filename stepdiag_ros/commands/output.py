@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from stepdiag_ros.commands.arguments import add_common, picture_formats
 from stepdiag_ros.text.controls import printable
+from stepdiag_ros.text.terminal import columns, fitted
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun
@@ -52,7 +53,7 @@ def number(text: str, low: float, high: float) -> float:
 
 def say(text: str) -> None:
     """Print information that is not the result."""
-    print(printable(text), file=sys.stderr)
+    print(fitted(printable(text), columns(sys.stderr)), file=sys.stderr)
 
 
 def warn(text: str) -> None:

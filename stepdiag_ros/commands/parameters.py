@@ -2,6 +2,7 @@
 
 import sys
 from argparse import ArgumentParser, Namespace
+from difflib import get_close_matches
 
 from stepdiag_ros.commands.arguments import Command, Group
 from stepdiag_ros.parameters.declaration import DeclaredNode
@@ -50,8 +51,10 @@ def _node(name: str) -> DeclaredNode:
     for node in NODES:
         if name in (node.module, node.name):
             return node
-    known = ", ".join(node.module for node in NODES)
-    raise ValueError(f"there is no node '{name}'; use {known}")
+    known = [node.module for node in NODES]
+    near = get_close_matches(name, known, n=1)
+    hint = f"did you mean {near[0]}?" if near else f"use {', '.join(known)}"
+    raise ValueError(f"there is no node '{name}'; {hint}")
 
 
 def _print(nodes: list[DeclaredNode]) -> None:
@@ -61,7 +64,7 @@ def _print(nodes: list[DeclaredNode]) -> None:
 
     console = make_console(sys.stdout)
     for node in nodes:
-        console.print(f"{node.name}: {node.purpose}", soft_wrap=True)
+        console.sentence(f"{node.name}: {node.purpose}")
         if not node.parameters:
             console.print("  no parameters of its own\n")
             continue

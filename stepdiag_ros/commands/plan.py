@@ -27,7 +27,13 @@ CHAINS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 
 def _add_options(parser: ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--for", dest="purpose", choices=PURPOSES, help="purpose of the plan")
+    what.add_argument(
+        "--for",
+        dest="purpose",
+        choices=PURPOSES,
+        metavar="PURPOSE",
+        help=f"purpose of the plan: {', '.join(PURPOSES)}",
+    )
     what.add_argument("--check", metavar="PLAN", help="check this plan: YAML file, or a name")
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--machine", help="YAML file, or a name, for example demo")

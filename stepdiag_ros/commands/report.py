@@ -1,5 +1,6 @@
 """``stepdiag report``: a measurement as one page for a customer: HTML, PDF and JSON."""
 
+import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
 from functools import partial
@@ -104,6 +105,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.pages.build import FORMATS
     from stepdiag_ros.report.pages.sections import sections
     from stepdiag_ros.report.publish import try_folder
+    from stepdiag_ros.text.console import make_console
 
     # Those of other packages may be broken: better refused than found out after all work is done.
     sections()
@@ -122,8 +124,9 @@ def run(arguments: Namespace) -> int:
         files = _make(arguments, given, stated, folder, formats, leads.append)
     finally:
         # Where a file cannot be written after all, the work was not in vain.
+        console = make_console(sys.stdout)
         for text in (text for lead in leads for text in (lead.headline, *lead.sentences)):
-            print(text)
+            console.sentence(text)
     names = [path.name for path in files if path != arguments.dcc]
     say(f"report in {folder}: {', '.join(names)}")
     if arguments.dcc is not None:

@@ -30,8 +30,8 @@ places and readings are one CSV table, SI units, in order of time; the columns:
   x_m, y_m, z_m           commanded position of the machine
   length_change_m         since the counter was zeroed; empty in a plan
   standard_uncertainty_m  of the length; empty if not known
-A station is given in machine coordinates: where the machine would have to go for the reflector to
-meet the tracker's centre.
+A station is given in machine coordinates: where the machine would have to go
+for the reflector to meet the tracker's centre.
 """
 _EXAMPLES = """\
 examples:

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from stepdiag_ros.text.controls import printable
 from stepdiag_ros.text.table import Table
+from stepdiag_ros.text.terminal import columns, fitted
 
 _LEAST_WIDTH = 150
 _EDGES = 2
@@ -24,15 +25,23 @@ class PlainConsole(Console):
     def print(self, *objects: Any, **options: Any) -> None:
         """Print texts and tables; on a narrow terminal a table is folded."""
         for one in objects or ("",):
-            parts: list[Any] = [one]
-            if isinstance(one, Table) and self.text_width is not None:
-                parts = one.folded(self.text_width - _EDGES)
-            for part in parts:
-                super().print(_laid_out(part) if isinstance(part, Table) else part, **options)
+            if not isinstance(one, Table):
+                super().print(one, **options)
+            elif self.text_width is None:
+                super().print(_laid_out(one), **options)
+            else:
+                for part in one.folded(self.text_width - _EDGES):
+                    width = max(self.text_width, part.least_width + _EDGES)
+                    super().print(_laid_out(part), width=width, **options)
 
-    def sentence(self, text: str) -> None:
-        """Print a text, broken into lines where the terminal is narrow."""
-        self.print(text, width=self.text_width, soft_wrap=self.text_width is None)
+    def sentence(self, text: str, indent: str = "") -> None:
+        """Print a text, broken into lines where the terminal is narrow.
+
+        Args:
+            text: what is printed.
+            indent: of all lines but the first.
+        """
+        self.print(fitted(text, self.text_width, indent), soft_wrap=True)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Take out of a text what would steer a terminal."""
@@ -46,8 +55,7 @@ class PlainConsole(Console):
 def make_console(stream: IO[str]) -> PlainConsole:
     """Return a console for plain text, never so narrow that a number would be cut."""
     console = PlainConsole(file=stream, markup=False, highlight=False, emoji=False)
-    if console.is_terminal:
-        console.text_width = console.width
+    console.text_width = columns(stream)
     if not console.is_terminal or console.width < _LEAST_WIDTH:
         console.width = _LEAST_WIDTH
     return console

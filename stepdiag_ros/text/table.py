@@ -62,7 +62,7 @@ class Table:
         Args:
             width: characters of a line.
         """
-        wide = [self._width(place) + self.gap for place in range(len(self.columns))]
+        wide = self._widths()
         parts: list[list[int]] = [[]]
         for place in range(1, len(self.columns)):
             if parts[-1] and wide[0] + sum(wide[one] for one in parts[-1]) + wide[place] > width:
@@ -80,6 +80,14 @@ class Table:
             )
             for part in parts
         ]
+
+    @property
+    def least_width(self) -> int:
+        """Return in how many characters a line of all columns fits."""
+        return sum(self._widths())
+
+    def _widths(self) -> list[int]:
+        return [self._width(place) + self.gap for place in range(len(self.columns))]
 
     def _width(self, place: int) -> int:
         """Return how wide a column is at least; one that wraps, as wide as its longest word."""

@@ -22,6 +22,7 @@ from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.target_words import end_words
 from stepdiag_ros.text.numbers import plain, with_expanded
+from stepdiag_ros.text.terminal import fitted
 
 _MOST_ERRORS = 3
 _MOST_MISSING = 6
@@ -106,18 +107,29 @@ def from_here(path: Path) -> Path:
     return whole.relative_to(Path.cwd()) if whole.is_relative_to(Path.cwd()) else path
 
 
-def next_lines(lead: RunLead) -> list[str]:
-    """Return what to do next for the terminal, a line each; nothing without a recording.
+def next_lines(lead: RunLead, width: int | None = None) -> list[str]:
+    """Return what to do next for the terminal; nothing without a recording.
 
     Below the present folder the recording is named as seen from there.
+
+    Args:
+        lead: of the run.
+        width: columns of the terminal; None if it is not one. A command stays on one line: where
+            its reason does not fit beside it, each reason stands below.
     """
     if lead.bag is not None:
         lead = replace(lead, bag=from_here(lead.bag))
     steps = next_steps(lead)
-    width = max((len(one.command) for one in steps), default=0)
+    widest = max((len(one.command) for one in steps), default=0)
     lines = [
-        f"  {one.command:<{width}}  {one.why}" if one.command else f"  {one.why}" for one in steps
+        f"  {one.command:<{widest}}  {one.why}" if one.command else f"  {one.why}" for one in steps
     ]
+    if width is not None and max(map(len, lines), default=0) > width:
+        lines = []
+        for one in steps:
+            lines += [f"  {one.command}"] if one.command else []
+            indent = "      " if one.command else "  "
+            lines += fitted(f"{indent}{one.why}", width, indent).split("\n")
     return ["Next:", *lines] if lines else []
 
 

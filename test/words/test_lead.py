@@ -24,7 +24,7 @@ from stepdiag_ros.report.documents.run import report_json
 from stepdiag_ros.report.tables.run import print_report
 from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import plus_minus
-from stepdiag_ros.words.lead import from_here, next_lines, sentences_of, size_sentences
+from stepdiag_ros.words.lead import from_here, next_lines, next_steps, sentences_of, size_sentences
 
 U_NODE = 5e-8
 COMMON = 3e-8
@@ -207,6 +207,20 @@ def test_the_last_lines_say_it_in_short_and_what_to_run_next():
         "stepdiag report 'my runs/one.mcap'",
         "stepdiag monitor 'my runs/one.mcap'",
     ]
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_a_command_is_one_line_whatever_the_width(width):
+    lead = lead_of(make_report(bag=Path("my runs/one.mcap"), refused={"soons": "too little"}))
+    commands = [one.command for one in next_steps(lead) if one.command]
+    lines = next_lines(lead, width)
+    assert [line for line in lines if "stepdiag" in line] != []
+    for command in commands:
+        (line,) = [line for line in lines if command in line]
+        assert width < 200 or line != f"  {command}"
+    assert all(len(line) <= width or line.strip() in commands for line in lines)
+    words = " ".join(" ".join(lines).split())
+    assert all(one.why in words for one in next_steps(lead))
 
 
 def test_both_quantities_called_positioning_have_tables_of_their_own():

@@ -462,8 +462,9 @@ def print_report(
         console.sentence(line)
     lead = lead_of(report)
     console.print()
-    for line in ("In short:", *sentences_of(lead), *next_lines(lead)):
+    for line in ("In short:", *sentences_of(lead)):
         console.sentence(line)
+    _print_next(lead, console)
 
 
 def print_summary(report: Report, console: PlainConsole) -> None:
@@ -471,8 +472,14 @@ def print_summary(report: Report, console: PlainConsole) -> None:
     lead = lead_of(report)
     summary = [*_heading(report), "", *sentences_of(lead), *_determined(report, lead)]
     summary += [f"Run: {one}" for one in report.remarks if one not in report.routine]
-    for line in (*summary, "", *next_lines(lead)):
+    for line in (*summary, ""):
         console.sentence(line)
+    _print_next(lead, console)
+
+
+def _print_next(lead: RunLead, console: PlainConsole) -> None:
+    for line in next_lines(lead, console.text_width):
+        console.print(line, soft_wrap=True)
 
 
 def _determined(report: Report, lead: RunLead) -> list[str]:
