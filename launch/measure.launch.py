@@ -7,12 +7,13 @@ service sequencer/start; devices are opened at once unless their parameter autos
 
 from launch import LaunchDescription
 
-from stepdiag_ros.processes.cell import machine_cell
-from stepdiag_ros.processes.launching import NAMESPACE, Argument, description, started
+from stepdiag_ros.processes.cell import archiving, machine_cell
+from stepdiag_ros.processes.launching import ARCHIVE, NAMESPACE, Argument, description, started
 
 ARGUMENTS = {
     "parameters": Argument("ROS 2 parameter file with the devices and parameters of the cell"),
     "namespace": NAMESPACE,
+    "archive": ARCHIVE,
 }
 
 
@@ -21,7 +22,10 @@ def generate_launch_description() -> LaunchDescription:
     return description(
         ARGUMENTS,
         lambda values: started(
-            machine_cell(values["parameters"], values["namespace"]),
+            [
+                *machine_cell(values["parameters"], values["namespace"]),
+                *archiving(values["archive"], simulated=False),
+            ],
             values["namespace"],
             [values["parameters"]],
         ),

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from launch import LaunchDescription
 
-from stepdiag_ros.processes.cell import simulated_cell
-from stepdiag_ros.processes.launching import Argument, description, number, started
+from stepdiag_ros.processes.cell import archiving, simulated_cell
+from stepdiag_ros.processes.launching import ARCHIVE, Argument, description, number, started
 
 ARGUMENTS = {
     "plan": Argument("test plan: YAML file, or a name in config/plans", "demo"),
@@ -25,6 +25,7 @@ ARGUMENTS = {
         " compensate --for generic'; empty: targets are sent as they are",
         "",
     ),
+    "archive": ARCHIVE,
 }
 
 
@@ -33,16 +34,19 @@ def generate_launch_description() -> LaunchDescription:
     return description(
         ARGUMENTS,
         lambda values: started(
-            simulated_cell(
-                plan=values["plan"],
-                machine=values["machine"],
-                cell=values["cell"],
-                folder=Path(values["folder"]),
-                factor=number(values, "factor"),
-                rate=number(values, "rate"),
-                seed=int(number(values, "seed")),
-                model=values["model"],
-                correction=values["correction"],
-            )
+            [
+                *simulated_cell(
+                    plan=values["plan"],
+                    machine=values["machine"],
+                    cell=values["cell"],
+                    folder=Path(values["folder"]),
+                    factor=number(values, "factor"),
+                    rate=number(values, "rate"),
+                    seed=int(number(values, "seed")),
+                    model=values["model"],
+                    correction=values["correction"],
+                ),
+                *archiving(values["archive"], simulated=True),
+            ]
         ),
     )

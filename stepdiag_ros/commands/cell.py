@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stepdiag_ros.archive import require_libraries
 from stepdiag_ros.commands.arguments import RESULTS, Command, Group, add_common
 from stepdiag_ros.commands.output import number, progress_bar, say
 from stepdiag_ros.commands.run import add_cell_options, cell_nodes
@@ -31,6 +32,13 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     simulated = {one.dest: one.default for one in parser._actions if one.dest != "help"}
     parser.set_defaults(**dict.fromkeys(simulated), simulated=simulated)
     add_common(parser, "namespace")
+    parser.add_argument(
+        "--archive",
+        default="",
+        metavar="PLACE",
+        help="add the bag of each run to this archive: a folder, or a URL; /diagnostics states"
+        " whether the machine's history calls for attention",
+    )
     machine = parser.add_argument_group("a machine in place of the simulated cell")
     machine.add_argument(
         "--parameters",
@@ -45,6 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Start the nodes and keep them up; see the module."""
     from stepdiag_ros.processes.measure import MeasuringSession
 
+    if arguments.archive:
+        require_libraries()
     namespace = arguments.namespace
     nodes, folder = _nodes(arguments)
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
@@ -80,7 +90,7 @@ def _nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
     Raises:
         ValueError: an option or a file does not fit; nothing has been started.
     """
-    from stepdiag_ros.processes.cell import machine_cell
+    from stepdiag_ros.processes.cell import archiving, machine_cell
     from stepdiag_ros.processes.cell_file import folder_of_bags
 
     given = [name for name in arguments.simulated if getattr(arguments, name) is not None]
@@ -95,6 +105,7 @@ def _nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
                 else one
                 for one in nodes
             ]
+        nodes += archiving(arguments.archive, simulated=True)
         return _in_namespace(nodes, arguments.namespace), folder
     if given:
         raise ValueError(
@@ -103,7 +114,8 @@ def _nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
         )
     path, namespace = str(arguments.parameters), arguments.namespace
     nodes = [
-        replace(one, ros_arguments=("--params-file", path)) for one in machine_cell(path, namespace)
+        replace(one, ros_arguments=("--params-file", path))
+        for one in (*machine_cell(path, namespace), *archiving(arguments.archive, simulated=False))
     ]
     return _in_namespace(nodes, namespace), folder_of_bags(path, namespace)
 
@@ -133,6 +145,7 @@ COMMAND = Command(
     "  stepdiag monitor                         in a third: watch it in the browser\n"
     "  stepdiag cell --tolerance 10             with a verdict on conformity\n"
     "  stepdiag cell --parameters cell.yaml     the nodes of a machine\n"
+    "  stepdiag cell --archive /data/machines   and each bag into an archive\n"
     "Each simulated cell needs a ROS domain of its own, also in a namespace, because all simulated"
     " cells of a domain\nwould share /clock. A machine may share its domain with one of them.",
 )

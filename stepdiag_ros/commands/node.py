@@ -7,6 +7,7 @@ from importlib import import_module
 from stepdiag_ros.commands.arguments import Command, Group
 
 NODES = (
+    "archive",
     "assembler",
     "bridge",
     "by_hand",

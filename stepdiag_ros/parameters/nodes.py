@@ -204,6 +204,20 @@ NODES: tuple[DeclaredNode, ...] = (
         ),
     ),
     DeclaredNode(
+        "archive",
+        "archive",
+        "adds the bag of each run to an archive, and reports what its machine's history shows",
+        (
+            Declaration("place", "", "the archive: a folder, or a URL such as s3://bucket/name"),
+            Declaration(
+                "machine",
+                "",
+                "name in the archive of the machine whose history is reported from the start;"
+                " empty: that of the last run that was added",
+            ),
+        ),
+    ),
+    DeclaredNode(
         "scene",
         "scene",
         "shows frames, lines and errors to RViz and Foxglove",

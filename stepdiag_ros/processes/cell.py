@@ -45,6 +45,19 @@ def evaluation(model: str = "free") -> list[NodeProcess]:
     ]
 
 
+def archiving(place: str, simulated: bool) -> list[NodeProcess]:
+    """Return the node that adds the bag of each run to an archive; none for an empty ``place``.
+
+    Args:
+        place: of the archive: a folder, or a URL.
+        simulated: the nodes beside it are on simulated time.
+    """
+    if not place:
+        return []
+    made = simulated_node("archive", place=place)
+    return [made if simulated else NodeProcess("archive", {"place": place})]
+
+
 def machine_cell(parameter_file: str, namespace: str = "") -> list[NodeProcess]:
     """Return the nodes of a measurement on a machine; their parameters are in the file.
 

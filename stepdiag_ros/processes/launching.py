@@ -38,6 +38,7 @@ class Argument:
     choices: tuple[str, ...] = ()
 
 
+ARCHIVE = Argument("archive for the bag of each run: a folder, or a URL; empty: none", "")
 NAMESPACE = Argument("namespace of all nodes and topics, for several machines in one network", "")
 
 

@@ -37,8 +37,8 @@ BY_HAND_ROLE = "by_hand"
 """Role of the node that follows a run by its readings alone; positions are not published then."""
 OPERATOR_ROLE = "operator"
 """Role of a command that starts, steers or follows a run; a run goes on when it ends."""
-ONLOOKERS = ("foxglove_server", "monitor", "scene")
-"""Roles of nodes that only look on: they come and go, and a run misses none of them."""
+ONLOOKERS = ("archive", "foxglove_server", "monitor", "scene")
+"""Roles of nodes that look on, or come after a run: they come and go, and a run misses none."""
 BYSTANDERS = frozenset({*ONLOOKERS, OPERATOR_ROLE, "player", "viewer"})
 """Roles of nodes that no run needs: commands and views may outlive it or end before it. They bring
 no data into it either."""

@@ -70,6 +70,20 @@ def test_the_simulated_cell_has_its_defaults(tmp_path, monkeypatch):
     assert folder == tmp_path / "stepdiag_results"
 
 
+@pytest.mark.parametrize("on_machine", [True, False])
+def test_the_node_of_an_archive_is_there_if_one_is_named(
+    on_machine, cell_file, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    given = ["--parameters", cell_file()] if on_machine else []
+    assert all(node.name != "archive" for node in nodes_for(*given)[0])
+    nodes, _ = nodes_for(*given, "--archive", "s3://plant/machines", "--namespace", "cell_1")
+    (archive,) = [node for node in nodes if node.name == "archive"]
+    assert archive.parameters["place"] == "s3://plant/machines"
+    assert ("use_sim_time" in archive.parameters) != on_machine
+    assert "-r __ns:=/cell_1" in " ".join(archive.command())
+
+
 def test_a_tolerance_reaches_the_solver_in_metres(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = {node.name: node.parameters for node in nodes_for("--tolerance", "10")[0]}

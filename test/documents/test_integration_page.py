@@ -34,7 +34,9 @@ def test_no_topic_is_listed_that_there_is_not():
 
 def test_every_launch_file_is_listed_with_its_arguments():
     for path in (ROOT / "launch").glob("*.launch.py"):
-        arguments = re.findall(r'^    "(\w+)": (?:Argument\(|NAMESPACE)', path.read_text(), re.M)
+        arguments = re.findall(
+            r'^    "(\w+)": (?:Argument\(|NAMESPACE|ARCHIVE)', path.read_text(), re.M
+        )
         row = next(line for line in PAGE.splitlines() if line.startswith(f"| `{path.name}` |"))
         assert re.findall(r"`(\w+)`", row.rsplit("|", 2)[1]) == arguments, path.name
 

@@ -12,6 +12,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from stepdiag_ros.topics import Topic, absolute
 
 NODES = {
+    "archive": "ArchiveNode",
     "bridge": "BridgeNode",
     "interferometer": "InterferometerNode",
     "weather": "WeatherNode",

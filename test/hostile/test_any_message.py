@@ -44,8 +44,12 @@ def alone(monkeypatch, tmp_path):
 
 
 def parameters(name):
-    ports = {"monitor": ["port:=0"], "foxglove_server": ["port:=0"]}
-    return ports.get(name, [])
+    needed = {
+        "monitor": ["port:=0"],
+        "foxglove_server": ["port:=0"],
+        "archive": ["place:=archive"],
+    }
+    return needed.get(name, [])
 
 
 @st.composite

@@ -272,7 +272,7 @@ def is_refused_and_the_next_taken_up(name, data):
     texts = st.sampled_from([TOO_MUCH, "!!int ''", "[" * 5000])
     texts |= changed(parsed_plan("quick")).map(dumped)
     _, topic, valid = next(one for one in small_stream() if one[1] is topics.RUN_DESCRIPTION)
-    with node_here(name, *PORTS.get(name, ())) as here:
+    with node_here(name, *NEEDED.get(name, ())) as here:
         for _ in range(3):
             odd = new_message(topics.RUN_DESCRIPTION.type_name)
             odd.run_id, odd.plan = "20260101T000000-odd", data.draw(texts)
@@ -284,4 +284,8 @@ def is_refused_and_the_next_taken_up(name, data):
         here.work()
 
 
-PORTS = {"monitor": ["port:=0"], "foxglove_server": ["port:=0"]}
+NEEDED = {
+    "monitor": ["port:=0"],
+    "foxglove_server": ["port:=0"],
+    "archive": ["place:=archive"],
+}

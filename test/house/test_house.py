@@ -102,6 +102,7 @@ def test_every_node_is_started_the_same_three_ways():
         "by_hand",
         "monitor",
         "foxglove_server",
+        "archive",
     }
     for name in NODES:
         module = ROOT / "stepdiag_ros" / "nodes" / f"{name}.py"

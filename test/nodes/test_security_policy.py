@@ -146,6 +146,7 @@ def processes(folder: Path) -> dict[str, NodeProcess]:
         NodeProcess("by_hand"),
         NodeProcess("monitor", {"port": 0}),
         NodeProcess("foxglove_server", {"port": 0}),
+        NodeProcess("archive", {"place": str(folder)}),
     ]
     return {process.name: process for process in [*cell, *others]}
 

@@ -228,7 +228,7 @@ def test_the_command_prints_table_file_and_page(capsys):
     assert cli.main(["parameters", "--markdown"]) == 0
     assert capsys.readouterr().out == markdown(NODES)
     assert cli.main(["parameters", "nonsense"]) == 1
-    assert "there is no node 'nonsense'; use sequencer" in capsys.readouterr().err
+    assert "'nonsense'" in capsys.readouterr().err
 
 
 def test_a_session_can_give_no_parameter_that_its_node_would_refuse(tmp_path):
