@@ -35,10 +35,12 @@ from stepdiag_ros.report.pages.fleet import fleet_page
 _BAR = 1000.0
 """Milliseconds to the first view."""
 _SEEN = """
-const look = () => document.querySelector("#fleet tr.machine")
-  ? requestAnimationFrame(() => requestAnimationFrame(() => { window.seen = performance.now(); }))
-  : requestAnimationFrame(look);
-requestAnimationFrame(look);
+window.seen = new Promise((done) => {
+  const next = (call) => requestAnimationFrame(call);
+  const look = () => document.querySelector("#fleet tr.machine")
+    ? next(() => next(() => done(performance.now()))) : next(look);
+  look();
+});
 """
 _SCROLL = """
 () => new Promise((done) => {
@@ -130,7 +132,6 @@ def measured(page: Page, file: Path) -> dict[str, float]:
     """Open the page once; return milliseconds."""
     page.add_init_script(_SEEN)
     page.goto(file.resolve().as_uri())
-    page.wait_for_function("window.seen")
     first = page.evaluate("window.seen")
     frames = sorted(page.evaluate(_SCROLL))
     return {

@@ -12,7 +12,7 @@ from stepdiag_ros.words.diagnosis import readable_unit
 from stepdiag_ros.words.trends import leaving_words, moving_words, staying_words
 
 STATES = {
-    Conformity.NOT_WITHIN: "exceeds",
+    Conformity.NOT_WITHIN: "beyond",
     Conformity.UNDECIDED: "undecided",
     Conformity.WITHIN: "within",
     Conformity.NOT_ASKED: "no tolerance",
@@ -45,7 +45,9 @@ def sentences(machines: Sequence[FleetMachine], every: int | None, made: datetim
     if {*states} == {Conformity.NOT_ASKED}:
         found.append(f"State tolerances in {FILE} of the archive to compare machines with them.")
     else:
-        counts = ", ".join(f"{states.count(one)} {STATES[one]}" for one in WORST_FIRST)
+        counts = ", ".join(
+            f"{states.count(one)} {STATES[one]}" for one in WORST_FIRST if one in states
+        )
         found.append(f"Newest runs against tolerances (ISO 14253-1): {counts}.")
     if every is None:
         found.append("No interval between runs is stated: what is overdue is unknown.")
@@ -60,7 +62,7 @@ def sentences(machines: Sequence[FleetMachine], every: int | None, made: datetim
 def overdue(machine: FleetMachine, every: int | None, now: datetime) -> bool:
     """Say whether the next run is late; a machine without a dated run is."""
     due = machine.due(every)
-    return every is not None and (due is None or due < now)
+    return every is not None and (due is None or due.date() < now.date())
 
 
 def outlook_words(machine: FleetMachine) -> str:

@@ -2,7 +2,6 @@
 // Rows are made in chunks, and only near what is seen: a fleet may have thousands of machines.
 const CHUNK = 50;
 const NEAR = "1200px";
-const COLUMNS = 7;
 const page = JSON.parse(document.getElementById("machines").textContent);
 const table = document.getElementById("fleet");
 const filter = document.getElementById("filter");
@@ -49,6 +48,7 @@ function visits() {
 }
 
 const before = visits();
+const COLUMNS = before ? 7 : 6;
 
 function news(machine) {
   if (!before) return [];
@@ -67,10 +67,10 @@ function news(machine) {
 function picture(machine) {
   const { days, sizes, band, tolerance } = machine;
   if (!sizes.length) return small("unknown");
-  const [width, height, edge] = [100, 30, 2];
+  const [width, height, edge, next] = [100, 30, 2, 8];
   const top = Math.max(...sizes, band[1] ?? 0);
   const highest = (tolerance !== null && tolerance < 4 * top ? Math.max(top, tolerance) : top) || 1;
-  const x = (day) => edge + ((width - 2 * edge) * day) / (days.at(-1) || 1);
+  const x = (day) => edge + ((width - 2 * edge - next) * day) / (days.at(-1) || 1);
   const y = (size) => height - edge - ((height - 2 * edge) * Math.max(size, 0)) / highest;
   const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
   const add = (name, attributes) => {
@@ -85,13 +85,13 @@ function picture(machine) {
   add("title", {}).textContent = label;
   if (band[1] !== null) {
     const [upper, lower] = [y(band[1]), y(band[0])];
-    add("rect", { class: "limits", x: 0, width, y: upper, height: lower - upper });
+    add("rect", { class: "limits", x: width - next, width: next, y: upper, height: lower - upper });
   }
   if (tolerance !== null && tolerance <= highest) {
     add("line", { class: "tolerance", x1: 0, x2: width, y1: y(tolerance), y2: y(tolerance) });
   }
   const points = sizes.map((size, number) => `${x(days[number]).toFixed(1)} ${y(size).toFixed(1)}`);
-  const end = sizes.length === 1 ? `M0 ${y(sizes[0])}H${width}` : `M${points.join("L")}`;
+  const end = sizes.length === 1 ? `M${edge} ${y(sizes[0])}h4` : `M${points.join("L")}`;
   add("path", { class: "line", d: end });
   return svg;
 }
@@ -105,13 +105,12 @@ function row(number) {
   const overdue = late(machine) ? (machine.due ? `overdue since ${machine.due}` : "overdue") : "";
   return element("tr", { class: `machine ${state.tone}`, "data-number": number },
     element("td", {}, name, small(machine.serial)),
-    element("td", { class: "state" }, state.word),
-    element("td", {}, machine.last || "date unknown", small(machine.verdict),
-      small(overdue || due, overdue && "late")),
+    element("td", {}, element("span", { class: "state" }, state.word), small(machine.verdict)),
+    element("td", {}, machine.last || "date unknown", small(overdue || due, overdue && "late")),
     element("td", { class: "n" }, machine.worst, small(machine.limit && `of ${machine.limit}`)),
     element("td", {}, picture(machine)),
     element("td", {}, machine.outlook, small(machine.changed)),
-    element("td", { class: "since" }, ...news(machine).map((one) => element("b", {}, one))));
+    ...(before ? [element("td", {}, ...news(machine).map((one) => element("b", {}, one)))] : []));
 }
 
 // As a POSIX shell reads it.
@@ -251,9 +250,8 @@ function choices() {
 
 function lastVisit() {
   if (!before) return;
-  table.classList.add("visited");
   const when = before.made.slice(0, 16).replace("T", " ");
-  table.querySelector("th.since").textContent = `New since ${when} UTC`;
+  table.tHead.rows[0].append(element("th", {}, `New since ${when} UTC`));
   const button = element("button", { type: "button" }, "Mark all as seen");
   button.addEventListener("click", () => {
     const kept = JSON.parse(localStorage.getItem(KEY));
