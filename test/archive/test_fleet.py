@@ -1,56 +1,24 @@
 """The machines of an archive as they are now: states by hand, order, and what belongs to a run."""
 
 import json
-from datetime import date, datetime, timedelta, timezone
+from datetime import date, timedelta
 from math import isnan
 from pathlib import Path
 
 import jsonschema_rs
 import pytest
-from archive_runs import digest, made_up
+from archive_runs import digest
+from fleet_runs import NOW, run, state, written
 from refused import refused
 
 from stepdiag_ros import schemas
-from stepdiag_ros.archive import catalogue
 from stepdiag_ros.archive.catalogue import Catalogue
 from stepdiag_ros.archive.fleet import fleet
 from stepdiag_ros.archive.place import Place
-from stepdiag_ros.archive.rows import Rows
-from stepdiag_ros.archive.stated import FILE
 from stepdiag_ros.cli import main
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.conformity import Conformity
 from stepdiag_ros.words.fleet import overdue
-
-NOW = datetime(2026, 6, 1, 12, tzinfo=timezone.utc)
-
-
-def run(number, machine, days, size, **changes):
-    """Return the rows of a run, so many days before now, with C0Y of a size and U of 0.2 µm."""
-    made = made_up(
-        digest(number),
-        "part",
-        machine=machine,
-        start_time=None if days is None else NOW - timedelta(days=days),
-        **{"verdict": "CONSISTENT", **changes},
-    )
-    for figure in made.figures:
-        object.__setattr__(figure, "value", size)
-    return made
-
-
-def written(place, *runs):
-    """Write runs as the catalogue of an archive."""
-    rows = Rows()
-    for one in runs:
-        for table in ("runs", "figures", "curves"):
-            getattr(rows, table).extend(getattr(one, table))
-    catalogue.write_part(place, "part", rows)
-    return place
-
-
-def state(place, text):
-    Path(place.url, FILE).write_text(text)
 
 
 def read(place):

@@ -1,6 +1,6 @@
 "use strict";
 // Rows are made in chunks, and only near what is seen: a fleet may have thousands of machines.
-const CHUNK = 50;
+const CHUNK = 10;
 const NEAR = "1200px";
 const page = JSON.parse(document.getElementById("machines").textContent);
 const table = document.getElementById("fleet");
@@ -107,7 +107,8 @@ function row(number) {
     element("td", {}, name, small(machine.serial)),
     element("td", {}, element("span", { class: "state" }, state.word), small(machine.verdict)),
     element("td", {}, machine.last || "date unknown", small(overdue || due, overdue && "late")),
-    element("td", { class: "n" }, machine.worst, small(machine.limit && `of ${machine.limit}`)),
+    element("td", { class: "n" }, element("span", { class: "size" }, machine.worst),
+      small(machine.limit && `of ${machine.limit} µm`)),
     element("td", {}, picture(machine)),
     element("td", {}, machine.outlook, small(machine.changed)),
     ...(before ? [element("td", {}, ...news(machine).map((one) => element("b", {}, one)))] : []));
