@@ -64,7 +64,7 @@ class FleetRun:
         problem: why it could not be evaluated; empty if it was.
         sha256: of its bag.
         bag: name of the bag in the place; empty if it is not there any more.
-        report: name of the page of its report in the place; empty if there is none.
+        report: page of its report, as a name in the place; empty without a report.
         alone: its bag holds no other run.
     """
 

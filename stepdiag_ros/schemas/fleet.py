@@ -25,7 +25,7 @@ class Run:
     largest_expanded_uncertainty: Annotated[Uncertainty, means("U of `largest`, 95 %, m.")]
     problem: Annotated[Text, means("Why the run could not be evaluated; null if it was.")]
     bag: Annotated[Text, means("The bag in the archive; null if it is not there any more.")]
-    report: Annotated[Text, means("Page of its report in the archive; null if there is none.")]
+    report: Annotated[Text, means("Page of its report in the archive; null without a report.")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -77,7 +77,7 @@ def change_words(machine: FleetMachine) -> str:
 
 
 def verdict_words(run: FleetRun | None) -> str:
-    """Return the verdict on a run, or why there is none."""
+    """Return the verdict on a run, or the reason why it is unknown."""
     if run is None:
         return "no run with a date"
     return NOT_EVALUATED if run.problem else run.verdict or UNKNOWN
