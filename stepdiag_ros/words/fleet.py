@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from stepdiag_ros.archive.fleet import WORST_FIRST, FleetMachine, FleetRun, Judged
+from stepdiag_ros.archive.histories import LARGEST
 from stepdiag_ros.archive.stated import FILE
 from stepdiag_ros.metrology.standards.conformity import Conformity
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.numbers import UNKNOWN, with_expanded
 from stepdiag_ros.words.diagnosis import readable_unit
-from stepdiag_ros.words.trends import leaving_words, moving_words, staying_words
+from stepdiag_ros.words.trends import few_words, leaving_words, moving_words, staying_words
 
 STATES = {
     Conformity.NOT_WITHIN: "beyond",
@@ -63,6 +64,16 @@ def overdue(machine: FleetMachine, every: int | None, now: datetime) -> bool:
     """Say whether the next run is late; a machine without a dated run is."""
     due = machine.due(every)
     return every is not None and (due is None or due.date() < now.date())
+
+
+def beside_words(machine: FleetMachine) -> str:
+    """Name the figures beside the largest error that are beyond their tolerance, or undecided.
+
+    Empty if the largest error has the state of the machine, or if all are within.
+    """
+    names = [one.name for one in machine.judged if one.conformity is machine.state]
+    open_state = machine.state in (Conformity.NOT_WITHIN, Conformity.UNDECIDED)
+    return few_words(names) if open_state and LARGEST not in names else ""
 
 
 def outlook_words(machine: FleetMachine) -> str:

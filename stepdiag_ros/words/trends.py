@@ -84,7 +84,7 @@ def leaving_words(machine: MachineHistory) -> str:
     ):
         names = [one.name for one in figures if one.trend.crossing.outlook is told]
         if names:
-            return f"{words}: {_few(names)}"
+            return f"{words}: {few_words(names)}"
     leaving = [one for one in figures if one.trend.crossing.outlook is Outlook.INTERVAL]
     if not leaving:
         return ""
@@ -111,11 +111,12 @@ def moving_words(machine: MachineHistory) -> str:
     for moves, words in ((Trend.changed_lately, "changed"), (Trend.grows, "grows")):
         names = [one.name for one in machine.figures if moves(one.trend)]
         if names:
-            return f"{words}: {_few(names)}"
+            return f"{words}: {few_words(names)}"
     return ""
 
 
-def _few(names: list[str]) -> str:
+def few_words(names: list[str]) -> str:
+    """Write the first of some names, and how many more there are."""
     return names[0] + (f" +{len(names) - 1}" if len(names) > 1 else "")
 
 

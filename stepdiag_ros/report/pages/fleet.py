@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.page import environment
 from stepdiag_ros.words.fleet import (
     STATES,
+    beside_words,
     change_words,
     headline,
     judged_words,
@@ -104,6 +105,7 @@ def _overview(machine: FleetMachine, every: int | None) -> dict[str, Any]:
         "verdict": verdict_words(newest),
         "worst": largest_words(newest),
         "limit": "" if limit is None else f"{limit * IN_MICRO:.10g}",
+        "beside": beside_words(machine),
         "state": WORST_FIRST.index(machine.state),
         "outlook": outlook_words(machine),
         "changed": change_words(machine),

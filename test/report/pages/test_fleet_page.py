@@ -110,7 +110,7 @@ def test_machines_stand_worst_first_and_open_to_their_runs(plant, opened):
     links = page.locator("tr.more a")
     assert links.count() == 1
     # The other run of the machine has the command that makes its report.
-    command = shlex.split(page.inner_text("tr.more code"))
+    command = shlex.split(page.text_content("tr.more code"))
     bag = folder / "bags" / digest(2) / "a run.mcap"
     assert command == ["stepdiag", "report", str(bag), "--html"]
     links.click()
@@ -125,7 +125,7 @@ def test_a_report_is_made_where_the_page_looks_for_it(plant, opened):
     page_of(folder, file)
     page = opened(file)
     page.click("tr.machine button")
-    command = shlex.split(page.locator("tr.more code").first.inner_text())
+    command = shlex.split(page.locator("tr.more code").first.text_content())
     made = Path(command[command.index("--output") + 1]) / "report.html"
     made.parent.mkdir(exist_ok=True)
     made.touch()

@@ -105,7 +105,8 @@ function row(number) {
   const overdue = late(machine) ? (machine.due ? `overdue since ${machine.due}` : "overdue") : "";
   return element("tr", { class: `machine ${state.tone}`, "data-number": number },
     element("td", {}, name, small(machine.serial)),
-    element("td", {}, element("span", { class: "state" }, state.word), small(machine.verdict)),
+    element("td", {}, element("span", { class: "state" }, state.word), small(machine.beside),
+      small(machine.verdict)),
     element("td", {}, machine.last || "date unknown", small(overdue || due, overdue && "late")),
     element("td", { class: "n" }, element("span", { class: "size" }, machine.worst),
       small(machine.limit && `of ${machine.limit} µm`)),
@@ -123,11 +124,13 @@ function report([date, run, verdict, worst, link, bag, several]) {
   if (link) return element("a", { href: link }, "report");
   if (!bag) return "the bag is not in the archive any more";
   const safe = /^[\w.-]+$/.test(run) && !/^\.+$/.test(run);
-  return element("code", {}, [
+  const command = [
     `stepdiag report ${quoted(`${page.root}/${bag}`)} --html`,
     several && run ? `--run ${quoted(run)}` : "",
     safe ? `--output ${quoted(`${page.root}/${page.reports}/${run}`)}` : "",
-  ].filter(Boolean).join(" "));
+  ].filter(Boolean).join(" ");
+  return element("details", {}, element("summary", {}, "make the report"),
+    element("code", {}, command));
 }
 
 function list(title, texts) {
@@ -155,18 +158,20 @@ function details(number) {
   const figures = one.figures.map(([name, unit, ...rest]) =>
     [unit ? `${name} / ${unit}` : name, ...rest]);
   const left = machine.runs - one.runs.length;
-  const cell = element("td", { colspan: COLUMNS },
-    ...list("Against tolerances (ISO 14253-1)", one.judged),
-    element("h3", {}, `Runs, newest first`),
+  const runs = element("div", {}, element("h3", {}, "Runs, newest first"),
     rows("runs", ["date, UTC", "run", "verdict", "largest error, µm", "report"], one.runs.map((run) =>
       [run[0] || "unknown", run[1] || "without identity", run[2], run[3], report(run)])),
     left ? small(`${left} older runs: stepdiag archive list ${quoted(page.place)} --machine `
-      + quoted(machine.name)) : "",
+      + quoted(machine.name)) : "");
+  const rest = element("div", {},
+    ...list("Against tolerances (ISO 14253-1)", one.judged),
     ...(figures.length ? [element("h3", {}, "Figures over the years"),
       rows("figures", ["figure", "now ± U", "a year ± U", "outside"], figures)] : []),
     ...list("Changes, newest first", one.changes),
     ...list("Unknown", one.unknown),
     ...list("Limits of these statements", one.remarks.map((at) => remarks[at])));
+  const cell = element("td", { colspan: COLUMNS },
+    element("div", { class: "inside" }, runs, rest));
   return element("tr", { class: "more" }, cell);
 }
 
