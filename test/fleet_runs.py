@@ -9,7 +9,7 @@ from stepdiag_ros.archive import catalogue
 from stepdiag_ros.archive.rows import Rows
 from stepdiag_ros.archive.stated import FILE
 
-NOW = datetime(2026, 6, 1, 12, tzinfo=timezone.utc)
+NOW = datetime(2024, 6, 1, 12, tzinfo=timezone.utc)
 
 
 def run(number, machine, days, size, **changes):

@@ -17,7 +17,7 @@ from stepdiag_ros.archive.place import Place
 from stepdiag_ros.report.pages.fleet import fleet_page
 
 HOSTILE = "</script><script>document.title = 'taken'</script>"
-MADE = datetime(2026, 6, 1, 12, tzinfo=timezone.utc)
+MADE = datetime(2024, 6, 1, 12, tzinfo=timezone.utc)
 
 
 def page_of(folder, file, every=None, made=MADE):
