@@ -18,6 +18,7 @@ from stepdiag_ros.archive.place import Place
 from stepdiag_ros.cli import main
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.conformity import Conformity
+from stepdiag_ros.report.pages.fleet import fleet_page
 from stepdiag_ros.words.fleet import overdue
 
 
@@ -128,6 +129,18 @@ def test_a_report_belongs_to_its_run(folder):
     }
     assert found["r0"].bag == f"bags/{digest(0)}/x.mcap" and found["r0"].alone
     assert not found["r3"].alone
+
+
+def test_an_archive_may_lie_in_a_store(place, tmp_path):
+    written(place, run(1, "mill", 3, 1e-6, run_id="r1"))
+    for name in (f"bags/{digest(1)}/x.mcap", "reports/r1/report.html"):
+        (tmp_path / "empty").touch()
+        place.put(tmp_path / "empty", name)
+    (newest,) = read(place)["mill"].runs
+    assert newest.bag == f"bags/{digest(1)}/x.mcap" and newest.report == "reports/r1/report.html"
+    content = fleet_page(place, [*read(place).values()], None, NOW, tmp_path / "fleet.html")
+    link = "reports/r1/report.html" if place.is_local else place.address(newest.report)
+    assert link in content and (f'"local": {str(place.is_local).lower()}' in content)
 
 
 def test_the_command_writes_page_and_document(folder, tmp_path, capsys, monkeypatch):

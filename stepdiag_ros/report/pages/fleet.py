@@ -70,6 +70,7 @@ def fleet_page(
         "place": place.url,
         "root": place.address("").rstrip("/"),
         "reports": REPORTS,
+        "local": place.is_local,
         "made": made.isoformat(timespec="seconds"),
         "every": every,
         "machines": [_overview(one, every) for one in machines],

@@ -123,6 +123,8 @@ function quoted(text) {
 function report([date, run, verdict, worst, link, bag, several]) {
   if (link) return element("a", { href: link }, "report");
   if (!bag) return "the bag is not in the archive any more";
+  // A report is made of a file on this computer.
+  if (!page.local) return element("code", {}, `${page.root}/${bag}`);
   const safe = /^[\w.-]+$/.test(run) && !/^\.+$/.test(run);
   const command = [
     `stepdiag report ${quoted(`${page.root}/${bag}`)} --html`,
