@@ -51,7 +51,9 @@ def sentences(machines: Sequence[FleetMachine], every: int | None, made: datetim
         )
         found.append(f"Newest runs against tolerances (ISO 14253-1): {counts}.")
     if every is None:
-        found.append("No interval between runs is stated: what is overdue is unknown.")
+        found.append(
+            "No interval between runs is stated (--every DAYS): what is overdue is unknown."
+        )
     else:
         late = sum(overdue(one, every, made) for one in machines)
         found.append(
