@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
-from math import hypot, isfinite, nan, sqrt
+from math import hypot, inf, isfinite, nan, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from stepdiag_ros.archive.stated import Stated
 from stepdiag_ros.metrology.geometry import SQUARENESS
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.trends.crossing import Outlook
 from stepdiag_ros.metrology.trends.series import Series
 from stepdiag_ros.metrology.trends.trend import LEVEL, Trend, trend_of
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
@@ -24,6 +25,8 @@ select coalesce(machine, ?) as machine, name,
 from curves where name in ('E_XX', 'E_YY', 'E_ZZ') group by all
 """
 UNNAMED = "unnamed"
+LARGEST = "largest in volume"
+_ORDER = (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE, Outlook.INTERVAL)
 _YEAR = timedelta(days=365.2425)
 _FIRST = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _ROWS = """
@@ -103,12 +106,34 @@ def date_of(years: float) -> datetime:
     return _FIRST + years * _YEAR
 
 
-def histories(catalogue: "Catalogue", machine: str = "") -> list[MachineHistory]:
+def urgency(figure: FigureHistory) -> tuple[float, ...]:
+    """Return what is smaller the more a figure needs attention."""
+    trend = figure.trend
+    outlook = trend.crossing.outlook
+    rank = _ORDER.index(outlook) if outlook in _ORDER else len(_ORDER)
+    until = trend.crossing.earliest if outlook is Outlook.INTERVAL else inf
+    growth = abs(trend.slope) / trend.slope_expanded if trend.grows() else 0.0
+    return (rank, until, not trend.changed_lately(), -growth)
+
+
+def machine_urgency(machine: MachineHistory) -> tuple[tuple[float, ...], float]:
+    """Return what is smaller the more a machine needs attention."""
+    levels = [one.trend.level for one in machine.figures if one.name == LARGEST]
+    largest = max((one for one in levels if isfinite(one)), default=-inf)
+    return min(map(urgency, machine.figures)), -largest
+
+
+def histories(
+    catalogue: "Catalogue",
+    machine: str = "",
+    progress: Callable[[float, str], None] | None = None,
+) -> list[MachineHistory]:
     """Return the history of each machine, or of one.
 
     Args:
         catalogue: of the archive.
         machine: name in the archive; empty: all.
+        progress: called with the part that is done (0..1), and the name of the last machine.
 
     Raises:
         ValueError: a part is damaged, or there is no such machine; lists the existing ones.
@@ -126,7 +151,13 @@ def histories(catalogue: "Catalogue", machine: str = "") -> list[MachineHistory]
     travels: dict[str, dict[str, float]] = {}
     for one in catalogue.ask(_TRAVELS, [UNNAMED]) if catalogue.stated.scales else ():
         travels.setdefault(one["machine"], {})[one["name"]] = one["travel"]
-    return [*histories_of(rows, catalogue.stated, travels)]
+    number = len({row["machine"] for row in rows})
+    found = []
+    for history in histories_of(rows, catalogue.stated, travels):
+        found.append(history)
+        if progress is not None:
+            progress(len(found) / number, history.name)
+    return found
 
 
 def histories_of(

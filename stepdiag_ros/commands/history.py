@@ -34,18 +34,18 @@ def run(arguments: Namespace) -> int:
     require_libraries()
     from stepdiag_ros import plots
     from stepdiag_ros.archive.catalogue import Catalogue
-    from stepdiag_ros.archive.histories import histories
+    from stepdiag_ros.archive.histories import histories, machine_urgency
     from stepdiag_ros.archive.place import Place
     from stepdiag_ros.report.documents.trends import trends_json
     from stepdiag_ros.report.plan_files import drawn, write_new
-    from stepdiag_ros.report.tables.trends import print_machine, print_machines, worst_first
+    from stepdiag_ros.report.tables.trends import print_machine, print_machines
     from stepdiag_ros.text.console import make_console
 
     if arguments.picture is not None and not arguments.machine:
         raise ValueError("--picture draws one machine: name it after PLACE")
     place = Place(arguments.place)
     with Catalogue(place) as catalogue:
-        machines = worst_first(histories(catalogue, arguments.machine))
+        machines = sorted(histories(catalogue, arguments.machine), key=machine_urgency)
     if not machines:
         raise ValueError(
             f"{place.url} has no run with a date and a figure: 'stepdiag archive list {place.url}'"

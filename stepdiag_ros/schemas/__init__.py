@@ -26,6 +26,7 @@ VERSIONS = {
     "diagnosis": 1,
     "history": 1,
     "trends": 1,
+    "fleet": 1,
     "budget": 1,
     "comparison": 1,
     "iso230": 1,

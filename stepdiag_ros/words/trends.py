@@ -1,6 +1,6 @@
 """What the years of a machine show, in sentences."""
 
-from math import isfinite
+from math import inf, isfinite
 
 from stepdiag_ros.archive.histories import FigureHistory, MachineHistory, date_of
 from stepdiag_ros.archive.stated import FILE
@@ -9,7 +9,6 @@ from stepdiag_ros.metrology.trends.trend import FEWEST, LEVEL, Change, Trend
 from stepdiag_ros.text.numbers import UNKNOWN, with_expanded
 from stepdiag_ros.words.diagnosis import readable_unit
 
-LARGEST = "largest in volume"
 _DAY = "%Y-%m-%d"
 _WHY_NOT = {
     Outlook.NOT_ASKED: "no tolerance",
@@ -71,6 +70,13 @@ def change_sentence(figure: FigureHistory, change: Change) -> str:
 
 def attention_words(machine: MachineHistory) -> str:
     """Say what an owner must know first of a machine; empty if there is nothing."""
+    few = all(one.trend.unknown for one in machine.figures)
+    first = leaving_words(machine) or moving_words(machine)
+    return f"fewer than {FEWEST} runs" if few and not first else first
+
+
+def leaving_words(machine: MachineHistory) -> str:
+    """Say what is or will be outside its tolerance, and when; empty if that is not known."""
     figures = machine.figures
     for told, words in (
         (Outlook.OUTSIDE, "outside"),
@@ -78,23 +84,39 @@ def attention_words(machine: MachineHistory) -> str:
     ):
         names = [one.name for one in figures if one.trend.crossing.outlook is told]
         if names:
-            return f"{words}: {_few(names)}"
+            return f"{words}: {few_words(names)}"
     leaving = [one for one in figures if one.trend.crossing.outlook is Outlook.INTERVAL]
-    if leaving:
-        first = min(leaving, key=lambda one: one.trend.crossing.earliest)
-        return f"{crossing_words(first.trend)} outside: {first.name}"
-    recent = [one.name for one in figures if one.trend.changed_lately()]
-    if recent:
-        return f"changed: {_few(recent)}"
-    growing = [one.name for one in figures if one.trend.grows()]
-    if growing:
-        return f"grows: {_few(growing)}"
-    if all(one.trend.unknown for one in figures):
-        return f"fewer than {FEWEST} runs"
+    if not leaving:
+        return ""
+    first = min(leaving, key=lambda one: one.trend.crossing.earliest)
+    return f"{crossing_words(first.trend)} outside: {first.name}"
+
+
+def staying_words(machine: MachineHistory) -> str:
+    """Say until when no figure leaves its tolerance, or that this is unknown."""
+    trends = [one.trend for one in machine.figures]
+    asked = [one for one in trends if one.crossing.outlook is not Outlook.NOT_ASKED]
+    if not asked:
+        return _WHY_NOT[Outlook.NOT_ASKED]
+    return crossing_words(min(asked, key=_known_until))
+
+
+def _known_until(trend: Trend) -> float:
+    until = trend.last + trend.crossing.earliest
+    return until if isfinite(until) else -inf
+
+
+def moving_words(machine: MachineHistory) -> str:
+    """Say what has changed lately, or else what grows; empty if nothing does."""
+    for moves, words in ((Trend.changed_lately, "changed"), (Trend.grows, "grows")):
+        names = [one.name for one in machine.figures if moves(one.trend)]
+        if names:
+            return f"{words}: {few_words(names)}"
     return ""
 
 
-def _few(names: list[str]) -> str:
+def few_words(names: list[str]) -> str:
+    """Write the first of some names, and how many more there are."""
     return names[0] + (f" +{len(names) - 1}" if len(names) > 1 else "")
 
 

@@ -1,16 +1,13 @@
 """The years of machines, as a person reads them."""
 
 from collections.abc import Sequence
-from math import inf, isfinite
 
-from stepdiag_ros.archive.histories import FigureHistory, MachineHistory
-from stepdiag_ros.metrology.trends.crossing import Outlook
+from stepdiag_ros.archive.histories import LARGEST, MachineHistory, urgency
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Column, Table
 from stepdiag_ros.words.diagnosis import readable_unit
 from stepdiag_ros.words.trends import (
-    LARGEST,
     attention_words,
     change_sentence,
     crossing_sentence,
@@ -23,19 +20,13 @@ from stepdiag_ros.words.trends import (
 
 _MOST = 10
 """Rows of a screen; some need two lines."""
-_ORDER = (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE, Outlook.INTERVAL)
-
-
-def worst_first(machines: Sequence[MachineHistory]) -> list[MachineHistory]:
-    """Return machines in the order in which they need attention."""
-    return sorted(machines, key=lambda one: (min(map(_urgency, one.figures)), -_largest(one)))
 
 
 def print_machines(machines: Sequence[MachineHistory], console: PlainConsole, every: bool) -> None:
     """Print a row a machine.
 
     Args:
-        machines: of an archive, as ``worst_first`` returns them.
+        machines: of an archive, in the order of ``machine_urgency``.
         console: to print on.
         every: print all, not only what fits on a screen.
     """
@@ -107,7 +98,7 @@ def _figures(machine: MachineHistory, every: bool) -> Table:
             Column("outside"),
         ],
     )
-    for one in sorted(machine.figures, key=_urgency)[: None if every else _MOST]:
+    for one in sorted(machine.figures, key=urgency)[: None if every else _MOST]:
         trend, (unit, factor) = one.trend, readable_unit(one.unit)
         limits = [plain(limit * factor, 1) for limit in trend.limits]
         table.add_row(
@@ -123,18 +114,3 @@ def _figures(machine: MachineHistory, every: bool) -> Table:
 def _print_rest(number: int, what: str, console: PlainConsole, every: bool) -> None:
     if number > _MOST and not every:
         console.sentence(f"{number - _MOST} more {what}: --all lists them")
-
-
-def _urgency(figure: FigureHistory) -> tuple[float, ...]:
-    """Return what is smaller the more a figure needs attention."""
-    trend = figure.trend
-    outlook = trend.crossing.outlook
-    rank = _ORDER.index(outlook) if outlook in _ORDER else len(_ORDER)
-    until = trend.crossing.earliest if outlook is Outlook.INTERVAL else inf
-    growth = abs(trend.slope) / trend.slope_expanded if trend.grows() else 0.0
-    return (rank, until, not trend.changed_lately(), -growth)
-
-
-def _largest(machine: MachineHistory) -> float:
-    levels = [one.trend.level for one in machine.figures if one.name == LARGEST]
-    return max((one for one in levels if isfinite(one)), default=-inf)

@@ -1,12 +1,11 @@
 """A simulated cell with the monitor node, an operator who hears all of it, and a browser."""
 
-import os
 import re
-import shutil
 import sys
 from pathlib import Path
 
 import pytest
+from chromium import chromium
 from patience import PATIENCE
 from running_cell import RunningCell, fixture_of
 
@@ -27,18 +26,8 @@ KEPT = (
 @pytest.fixture(scope="module", autouse=True)
 def browser():
     """Return a browser without a window."""
-    from playwright.sync_api import sync_playwright
-
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    if program is None:
-        reason = "there is no Chromium on this computer"
-        pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
-    with sync_playwright() as playwright:
-        made = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox", "--disable-gpu"], timeout=1e3 * PATIENCE
-        )
+    with chromium() as made:
         yield made
-        made.close()
 
 
 class Pages:
