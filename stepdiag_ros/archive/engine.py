@@ -162,13 +162,19 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:
 
 
 def local_cluster(workers: int) -> Any:
-    """Return a cluster of processes of this computer, which listen on loopback; a context."""
+    """Return a cluster of processes of this computer, which listen on loopback; a context.
+
+    A worker that dies is started again by its nanny. A nanny gives up if that one dies while it
+    starts; then the cluster makes another, so that it has all its workers to the end.
+    """
     from distributed import LocalCluster
 
-    return LocalCluster(
+    made = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
         host="127.0.0.1",
         dashboard_address="127.0.0.1:0",
         silence_logs="CRITICAL",
     )
+    made.adapt(minimum=workers, maximum=workers)
+    return made

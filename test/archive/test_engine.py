@@ -65,6 +65,7 @@ def test_who_has_lost_all_workers_is_not_waited_for(monkeypatch):
     with local_cluster(1) as made:
         done = each(work_of_a_while, range(1000), Engine(scheduler=made.scheduler_address))
         next(done)
+        made.adapt(minimum=0, maximum=0)  # otherwise the cluster makes another worker
         made.scale(0)
         with refused(Refusal, "lost", aspect="workers"):
             list(done)
