@@ -11,7 +11,6 @@ import select
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Generator
 
 import py_trees
@@ -69,9 +68,7 @@ class Cell(Supervisor):
             run = sent.result().get_result_async()
             yield from self.until(run.done)
         except (GeneratorExit, TimeoutError):
-            rclpy.spin_until_future_complete(self, sent, timeout_sec=VERDICT_LIMIT)
-            stopping = sent.result().cancel_goal_async() if sent.done() else sent
-            rclpy.spin_until_future_complete(self, stopping, timeout_sec=VERDICT_LIMIT)
+            self.cancel(sent)
             raise
         self.result = run.result().result
         return self.result.outcome == Measure.Result.OUTCOME_FINISHED
@@ -132,15 +129,14 @@ def tree(cell: Cell, plan: str, control: str) -> Sequence:
 def main() -> int:
     """Tick the tree to its end, and show it."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    halt = threading.Event()
-    # An exception could strike while the answer to the goal is read: nobody could cancel it then.
-    signal.signal(signal.SIGINT, lambda *_: halt.set())
     cell = Cell()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: cell.halt.set())
     root = tree(cell, *remove_ros_args(sys.argv)[1:])
-    while root.status not in (Status.SUCCESS, Status.FAILURE) and not halt.is_set():
+    while root.status not in (Status.SUCCESS, Status.FAILURE) and not cell.halt.is_set():
         rclpy.spin_once(cell, timeout_sec=0.1)
         root.tick_once()
-    if halt.is_set():
+    if cell.halt.is_set():
         root.stop(Status.INVALID)
     print(py_trees.display.unicode_tree(root, show_status=True))
     return 0 if root.children[-1].children[0].status == Status.SUCCESS else 1

@@ -6,11 +6,14 @@
 
 The exit code is 0 if all lines were measured and the machine may go on, 1 otherwise. The machine
 may go on only where the solver has a tolerance (its parameter) and the plan can test the model.
+Ctrl-C and SIGTERM cancel the run: the machine stops. Nothing does so if this program is killed.
 It runs with and without ROS 2. It resumes after each setup at once, as a simulated
 cell may: on a real machine, "resume" means that somebody has aligned laser and mirror.
 """
 
+import signal
 import sys
+import threading
 import time
 from math import isnan
 from typing import NamedTuple
@@ -22,6 +25,7 @@ import rclpy
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
@@ -37,12 +41,17 @@ VERDICT_LIMIT = 5.0
 LATCHED = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
+class Halted(Exception):
+    """Somebody wants this program to end."""
+
+
 class Supervisor(Node):
     """Starts one run and resumes it after each setup."""
 
     def __init__(self) -> None:
         super().__init__("supervisor")
         self.verdict = RunVerdict()
+        self.halt = threading.Event()
         self._asked = (0, 0)
         self._found = False
         self._heard = time.monotonic()
@@ -54,10 +63,18 @@ class Supervisor(Node):
         self.create_subscription(RunVerdict, "result/verdict", self._on_verdict, LATCHED)
 
     def measure(self, plan: str) -> Measure.Result:
-        """Execute a plan and return its result; TimeoutError if the sequencer falls silent."""
+        """Execute a plan and return its result.
+
+        TimeoutError if the sequencer falls silent, Halted on a signal; both cancel the run.
+        """
         while not self.action.server_is_ready():
             self._spin()
-        result = self._wait(self._wait(self.send(plan)).get_result_async()).result
+        sent = self.send(plan)
+        try:
+            result = self._wait(self._wait(sent).get_result_async()).result
+        except (TimeoutError, Halted):
+            self.cancel(sent)
+            raise
         until = time.monotonic() + VERDICT_LIMIT
         while result.run_id and not self.decided(result.run_id) and time.monotonic() < until:
             self._spin()
@@ -66,6 +83,13 @@ class Supervisor(Node):
     def send(self, plan: str) -> Future:
         """Return the future goal of a run of this plan, which is resumed after each setup."""
         return self.action.send_goal_async(Measure.Goal(plan=plan), self._on_feedback)
+
+    def cancel(self, sent: Future) -> None:
+        """Cancel the run of this future goal: the machine stops."""
+        rclpy.spin_until_future_complete(self, sent, timeout_sec=VERDICT_LIMIT)
+        if sent.done():
+            stopping = sent.result().cancel_goal_async()
+            rclpy.spin_until_future_complete(self, stopping, timeout_sec=VERDICT_LIMIT)
 
     def check(self) -> None:
         """Raise TimeoutError if there is no sequencer, which then never sends the result."""
@@ -90,6 +114,8 @@ class Supervisor(Node):
 
     def _spin(self) -> None:
         rclpy.spin_once(self, timeout_sec=0.1)
+        if self.halt.is_set():
+            raise Halted("the run is cancelled: the machine stops")
         self.check()
 
     def _on_state(self, _: RunState) -> None:
@@ -124,6 +150,8 @@ def decision(verdict: RunVerdict) -> Decision:
     """Decide by the table in docs/how_to/cell.md, which measure_machine.xml contains too."""
     if not verdict.run_over or isnan(verdict.worst_error):
         return Decision(CALL_SERVICE, "the largest error is not known: measure all lines")
+    if verdict.outcome != RunVerdict.OUTCOME_FINISHED:
+        return Decision(CALL_SERVICE, "the run was aborted: measure again")
     not_within = verdict.conformity == RunVerdict.CONFORMITY_NOT_WITHIN
     error = "the error is beyond the tolerance" if not_within else "the error may be larger"
     if verdict.diagnosis in (RunVerdict.DIAGNOSIS_UNKNOWN, RunVerdict.DIAGNOSIS_NOT_TESTABLE):
@@ -141,18 +169,25 @@ def decision(verdict: RunVerdict) -> Decision:
 
 def main() -> int:
     """Measure, and print largest error, decision and bag."""
-    rclpy.init()
+    arguments = remove_ros_args(sys.argv)[1:]
+    if len(arguments) != 1 or arguments[0].startswith("-"):
+        sys.exit(f"give one argument, the name or file of the plan\n{__doc__}")
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     supervisor = Supervisor()
+    # An exception could strike while the answer to the goal is read: nobody could cancel it then.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: supervisor.halt.set())
     try:
-        result = supervisor.measure("".join(remove_ros_args(sys.argv)[1:]))
-    except TimeoutError as error:
+        result = supervisor.measure(arguments[0])
+    except (TimeoutError, Halted) as error:
         sys.exit(str(error))
     verdict = supervisor.verdict
     found = Decision(CALL_SERVICE, "there is no verdict on this run")
     if verdict.run_id and verdict.run_id == result.run_id:
         found = decision(verdict)
         worst = f"{verdict.worst_error * 1e6:.2f} ± {verdict.expanded_uncertainty * 1e6:.2f} µm"
-        print(f"largest error: {worst.replace('nan', 'unknown')} (U: 95 %)")
+        known = not isnan(verdict.worst_error)
+        print(f"largest error: {f'{worst} (U: 95 %)' if known else 'unknown'}")
     print(f"{result.text}; {result.verdict}: {result.sentence}\nbag: {result.bag}")
     print(": ".join(found))
     finished = result.outcome == Measure.Result.OUTCOME_FINISHED

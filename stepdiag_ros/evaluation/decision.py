@@ -37,7 +37,11 @@ def lead_of_results(results: Mapping[str, VolumetricErrors], chain: str) -> RunL
 
 
 def decide(
-    lead: RunLead, method: str, tolerance: float, target: TargetStanding | None = None
+    lead: RunLead,
+    method: str,
+    tolerance: float,
+    target: TargetStanding | None = None,
+    aborted: bool = False,
 ) -> RunDecision:
     """Return what a supervisor decides on.
 
@@ -46,6 +50,7 @@ def decide(
         method: to rely on; empty if there is no result.
         tolerance: largest permissible length of an error vector, m; NaN if none was agreed.
         target: how far the run is from its target; None if it has none.
+        aborted: the run was ended before its plan or its target; then nothing is proven.
     """
     volume = lead.volume
     value = nan if volume is None else volume.value
@@ -54,7 +59,7 @@ def decide(
             value,
             lead.expanded_uncertainty,
             tolerance,
-            more_acts=lead.verdict.more_acts,
+            more_acts=lead.verdict.more_acts or aborted,
             noise=lead.noise,
         ),
         diagnosis=_AGREEMENTS.get(lead.verdict.name, Agreement.UNKNOWN),

@@ -129,7 +129,7 @@ ADDED_LATER = frozenset(
     name
     for kind in (Reading, StopCommand, SettledStop, BlockDisplacement, MeasuredLine)
     for name in defaults_of(kind)
-) | {"mirror_offset", "standing", "until"}
+) | {"mirror_offset", "outcome", "standing", "until"}
 """Fields that older bags of this schema version lack: those with a default in their data class."""
 
 # -- readings, commands, arrivals ---------------------------------------------

@@ -7,11 +7,17 @@ from stepdiag_ros.messages.target import write_target
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.standards.decision import RunDecision
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.topics import RUN_VERDICT
 
 
 def from_decision(
-    decision: RunDecision, run_id: str, time: int, lines: tuple[int, int], run_over: bool
+    decision: RunDecision,
+    run_id: str,
+    time: int,
+    lines: tuple[int, int],
+    run_over: bool,
+    outcome: Outcome,
 ) -> Any:
     """Convert to a ``RunVerdict`` message.
 
@@ -21,10 +27,11 @@ def from_decision(
         time: of the last line that was used, ns.
         lines: that were used, and that the plan has.
         run_over: the run has ended.
+        outcome: how it has ended; UNKNOWN before.
     """
     message = new_message(RUN_VERDICT.type_name)
     set_header(message, time)
-    message.run_id, message.run_over = run_id, run_over
+    message.run_id, message.run_over, message.outcome = run_id, run_over, int(outcome)
     message.lines, message.lines_planned = lines
     message.conformity, message.diagnosis = int(decision.conformity), int(decision.diagnosis)
     message.worst_error = decision.worst_error

@@ -32,7 +32,7 @@ from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.nodes.base import spin
 from stepdiag_ros.nodes.lines import LineNode
 from stepdiag_ros.planning.undetermined import refuse_undetermined
-from stepdiag_ros.run.conclusion import LastWord
+from stepdiag_ros.run.conclusion import LastWord, Outcome
 from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.supervision import WORK_LEFT
 from stepdiag_ros.run.target_words import standing_words
@@ -94,6 +94,7 @@ class SolverNode(LineNode):
         self._verdicts = self.announce(topics.RUN_VERDICT)
         self._newest: tuple[_Solved, int] | None = None
         self._verdict, self._verdict_is_last = Verdict(), False
+        self._outcome = Outcome.UNKNOWN
         self._last_word = LastWord("")
         self._concluded = True
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solver")
@@ -124,6 +125,7 @@ class SolverNode(LineNode):
         self._run = run
         self._newest, self._concluded = None, False
         self._verdict, self._verdict_is_last = Verdict(), False
+        self._outcome = Outcome.UNKNOWN
         self._last_word = LastWord(description.run_id)
         if self._run.pursuit is not None:
             begun = to_nanoseconds(description.header.stamp)
@@ -192,10 +194,12 @@ class SolverNode(LineNode):
             to_rely_on(done.found.results) or "",
             self.parameter("tolerance") or nan,
             done.target,
+            self._outcome is Outcome.ABORTED,
         )
         lines = done.lines, len(self._run.plan.lines)
         over = self.run_over and self._concluded
-        self._verdicts.publish(from_decision(decision, self.run_id, time, lines, over))
+        outcome = self._outcome if over else Outcome.UNKNOWN
+        self._verdicts.publish(from_decision(decision, self.run_id, time, lines, over, outcome))
 
     def _say_work_left(self) -> None:
         owed = self.run_over and not self._concluded and self._newest is not None
@@ -203,6 +207,12 @@ class SolverNode(LineNode):
         before, self.facts[WORK_LEFT] = self.facts[WORK_LEFT], str(left)
         if "0" in (before, self.facts[WORK_LEFT]):
             self.beat()
+
+    def on_run_state(self, state: Any) -> None:
+        """Take note of how the run has ended."""
+        ends = {state.STATE_FINISHED: Outcome.FINISHED, state.STATE_ABORTED: Outcome.ABORTED}
+        if state.run_id == self.run_id and state.state in ends:
+            self._outcome = ends[state.state]
 
     def on_run_end(self) -> None:
         """Say that the verdict on the whole run is still to come, before the bag is closed."""

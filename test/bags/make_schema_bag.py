@@ -186,7 +186,7 @@ def messages():
     made[topics.DIAGNOSIS] = from_diagnosis(diagnosis(), RUN_ID, NEW)
     verdict = made[topics.RUN_VERDICT]
     verdict.run_id, verdict.run_over, verdict.lines, verdict.lines_planned = RUN_ID, True, 1, 1
-    verdict.conformity, verdict.diagnosis = 1, 3
+    verdict.outcome, verdict.conformity, verdict.diagnosis = 1, 1, 3
     verdict.worst_error, verdict.expanded_uncertainty = 7.3e-6, 1.0e-6
     verdict.coverage_factor, verdict.tolerance = 1.96, 2e-5
     verdict.worst_place, verdict.method = np.array([0.03, 0.06, 0.1]), "least_squares"

@@ -52,6 +52,8 @@ def test_the_verdict_of_version_1_says_what_it_said():
     with BagReader(BAGS / "schema_1.mcap") as bag:
         ((_, message),) = bag.messages(topics={topics.absolute(topics.RUN_VERDICT)})
     assert message.run_over and (message.conformity, message.diagnosis) == (1, 3)
+    # Verdicts did not yet state how the run had ended.
+    assert not hasattr(message, "outcome")
     assert (message.worst_error, message.expanded_uncertainty) == (7.3e-6, 1.0e-6)
     assert (message.coverage_factor, message.tolerance) == (1.96, 2e-5)
     assert list(message.worst_place) == [0.03, 0.06, 0.1]

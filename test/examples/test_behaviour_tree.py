@@ -84,7 +84,12 @@ def acted(bag, monkeypatch):
     def act(diagnosis, conformity, answer):
         cell = example["Cell"].__new__(example["Cell"])  # no node: all is decided by what it knows
         cell.result = SimpleNamespace(bag=str(bag))
-        cell.verdict = RunVerdict(run_over=True, diagnosis=diagnosis, conformity=conformity)
+        cell.verdict = RunVerdict(
+            run_over=True,
+            outcome=RunVerdict.OUTCOME_FINISHED,
+            diagnosis=diagnosis,
+            conformity=conformity,
+        )
         reading, writing = os.pipe()
         os.write(writing, f"{answer}\n".encode())
         with os.fdopen(reading) as stdin, os.fdopen(writing, "w"):

@@ -29,7 +29,8 @@ def verdict_of(conformity, diagnosis, **changed):
         "conformity": getattr(VERDICT, f"CONFORMITY_{conformity}"),
         "diagnosis": getattr(VERDICT, f"DIAGNOSIS_{diagnosis}"),
     }
-    return VERDICT(**{"run_over": True, "worst_error": 3e-6} | codes | changed)
+    ended = {"run_over": True, "outcome": VERDICT.OUTCOME_FINISHED}
+    return VERDICT(**{**ended, "worst_error": 3e-6} | codes | changed)
 
 
 def step_of_the_xml(verdict):
@@ -62,7 +63,15 @@ def test_the_table_has_a_cell_for_each_code():
     assert len({one for cell in CELLS for one in cell}) == len(names)
 
 
-@pytest.mark.parametrize("changed", [{"worst_error": nan}, {"run_over": False}])
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"worst_error": nan},
+        {"run_over": False},
+        {"outcome": VERDICT.OUTCOME_ABORTED},
+        {"outcome": VERDICT.OUTCOME_UNKNOWN},
+    ],
+)
 def test_nothing_goes_on_without_a_figure_on_the_whole_run(changed):
     for conformity, diagnosis in CELLS:
         verdict = verdict_of(conformity, diagnosis, **changed)

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from math import isnan
 from pathlib import Path
-from signal import SIGINT
+from signal import SIGINT, SIGTERM
 
 import fake_launch
 import pytest
@@ -109,8 +109,18 @@ def test_a_run_is_supervised_to_its_end_and_a_silent_sequencer_is_a_fault(cell, 
     assert any(str(bag) in out and last.run_id in bag.name for bag in cell.folder.glob("*.mcap"))
     assert supervisor.returncode == 1 and "unknown" in out and "NOT TESTABLE" in out
 
+    for end in (SIGINT, SIGTERM):
+        supervisor = started(EXAMPLE, plan)
+        cell.wait(lambda: cell.state() is State.RUNNING, "another run is on")
+        supervisor.send_signal(end)
+        _, err = ended(cell, supervisor)
+        cell.wait(lambda: cell.state() is State.ABORTED, "the run is cancelled")
+        assert supervisor.returncode == 1 and "Traceback" not in err
+        # The client library names itself; the example adds a line.
+        assert len(err.splitlines()) == 2, err
+
     supervisor = started(EXAMPLE, plan)
-    cell.wait(lambda: cell.state() is State.RUNNING, "the second run is on")
+    cell.wait(lambda: cell.state() is State.RUNNING, "the last run is on")
     cell.processes.running["sequencer"].kill()
     _, err = supervisor.communicate(timeout=PATIENCE)
     assert supervisor.returncode == 1 and "sequencer" in err and "Traceback" not in err

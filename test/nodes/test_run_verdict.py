@@ -21,7 +21,7 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.conformity import Conformity
 from stepdiag_ros.metrology.standards.decision import Agreement
 from stepdiag_ros.metrology.standards.volumetric import of_result
-from stepdiag_ros.run.conclusion import LAST_WORD_LIMIT, LastWord
+from stepdiag_ros.run.conclusion import LAST_WORD_LIMIT, LastWord, Outcome
 from stepdiag_ros.run.supervision import Peer, Watch
 
 RUN_ID = "20260102T030405-abcd"
@@ -70,9 +70,16 @@ def test_what_is_not_determined_is_unknown_and_named(measured):
 
 def test_the_numbers_of_the_message_are_those_of_the_enumerations():
     kind = message_type(topics.RUN_VERDICT.type_name)
-    for begin, codes in (("CONFORMITY", Conformity), ("DIAGNOSIS", Agreement)):
-        told = {name: getattr(kind, f"{begin}_{name}") for name in codes.__members__}
-        assert told == {name: int(code) for name, code in codes.__members__.items()}
+    for begin, codes in (
+        ("CONFORMITY", Conformity),
+        ("DIAGNOSIS", Agreement),
+        ("OUTCOME", Outcome),
+    ):
+        # A run that was refused has no verdict.
+        names = [name for name in codes.__members__ if name != "REFUSED"]
+        assert {n: getattr(kind, f"{begin}_{n}") for n in names} == {
+            n: int(codes[n]) for n in names
+        }
 
 
 def test_a_verdict_waits_for_the_last_word_of_a_diagnosis():
@@ -85,8 +92,9 @@ def test_a_verdict_waits_for_the_last_word_of_a_diagnosis():
     assert not word.awaited(watch, 100.1 + LAST_WORD_LIMIT)
 
 
+@pytest.mark.parametrize("outcome", [Outcome.FINISHED, Outcome.ABORTED])
 def test_the_solver_publishes_the_verdict_after_each_line_and_once_more_at_the_end(
-    tmp_path: Path, measured
+    tmp_path: Path, measured, outcome
 ):
     from stepdiag_ros.nodes.operator import OperatorNode
     from stepdiag_ros.processes.node_process import NodeProcess, Processes
@@ -108,23 +116,30 @@ def test_the_solver_publishes_the_verdict_after_each_line_and_once_more_at_the_e
             count = len(measured.lines)
             assert operator.spin_until(lambda: heard and heard[-1].lines == count, PATIENCE)
             assert heard[-1].conformity == Conformity.WITHIN and not heard[-1].run_over
-            said = message_type(topics.DIAGNOSIS.type_name)(run_id=RUN_ID, verdict="NAMED")
-            said.run_over = True
-            diagnose.publish(said)
-            assert operator.spin_until(lambda: heard[-1].diagnosis == Agreement.NAMED, PATIENCE)
-            # More acts than the errors contain: nothing is proven.
-            assert heard[-1].conformity == Conformity.UNDECIDED
+            for verdict, proven in (
+                ("NAMED", Conformity.UNDECIDED),  # more acts than the errors contain
+                ("CONSISTENT", Conformity.WITHIN),
+            ):
+                kind = message_type(topics.DIAGNOSIS.type_name)
+                diagnose.publish(kind(run_id=RUN_ID, verdict=verdict, run_over=True))
+                agreed = Agreement[verdict]
+                assert operator.spin_until(lambda a=agreed: heard[-1].diagnosis == a, PATIENCE)
+                assert heard[-1].conformity == proven
+                assert heard[-1].outcome == Outcome.UNKNOWN
             kind = message_type(topics.RUN_STATE.type_name)
-            state.publish(kind(run_id=RUN_ID, state=kind.STATE_FINISHED))
+            state.publish(kind(run_id=RUN_ID, state=getattr(kind, f"STATE_{outcome.name}")))
             assert operator.spin_until(lambda: heard[-1].run_over, PATIENCE)
     finally:
         operator.destroy_node()
         rclpy.shutdown()
     last = heard[-1]
     assert last.lines == last.lines_planned == count and last.tolerance == 1e-3
+    # Who decides by this message alone is not told to go on after a run that was aborted.
+    proven = {Outcome.FINISHED: Conformity.WITHIN, Outcome.ABORTED: Conformity.UNDECIDED}
+    assert (last.outcome, last.conformity) == (outcome, proven[outcome])
     results, _ = solve_reproducibly(measured)
     decision = decide(lead_of_results(results, measured.chain), "least_squares", 1e-3)
-    again = from_decision(decision, RUN_ID, 0, (count, count), True)
+    again = from_decision(decision, RUN_ID, 0, (count, count), True, outcome)
     for field in ("worst_error", "expanded_uncertainty", "coverage_factor", "method"):
         assert getattr(last, field) == getattr(again, field), field
     assert np.array_equal(last.worst_place, again.worst_place)
