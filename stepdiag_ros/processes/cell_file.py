@@ -5,6 +5,7 @@ with its defaults; on a machine that could be a simulated device in place of a r
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,22 @@ from stepdiag_ros.configuration import (
     load_model,
     plan_given,
 )
+from stepdiag_ros.devices import Kind, Surroundings, known_drivers, prepare
+from stepdiag_ros.devices.cnc.joint_controller import ControllerNames, JointController
 from stepdiag_ros.embedded.arguments import load_parameter_file, matches
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.parameters.declaration import DeclaredNode
 from stepdiag_ros.parameters.nodes import NODES
+from stepdiag_ros.run.accord import SIMULATED
 
 DEVICE = "device"
 """Parameter of every node that owns a device: its driver."""
+_KINDS: dict[str, Kind] = {
+    "cnc_bridge": "cnc",
+    "interferometer": "interferometer",
+    "weather": "weather",
+}
+"""Node that owns a device → kind of its driver."""
 _FILES = {
     "machine": load_machine,
     "plan": plan_given,
@@ -47,11 +57,12 @@ def check_cell_file(path: str, namespace: str = "") -> None:
     """
     names = _names(namespace)
     given = given_to(path, names)
-    for name, node in names.items():
-        try:
+    try:
+        for name, node in names.items():
             _check(node, given[name])
-        except ValueError as error:
-            raise Refusal(f"{path}: {error}", **fields_of(error)) from None
+        _check_machines({node.name: given[name] for name, node in names.items()})
+    except ValueError as error:
+        raise Refusal(f"{path}: {error}", **fields_of(error)) from None
 
 
 def folder_of_bags(path: str, namespace: str = "") -> Path:
@@ -107,6 +118,58 @@ def _check(node: DeclaredNode, given: dict[str, Any]) -> None:
             f"there is no '{DEVICE}' for {node.name}; say which driver it has, even if that is"
             f" '{node.find(DEVICE).default}'",
             fault="missing",
+        )
+    if DEVICE in own:
+        _check_driver(_KINDS[node.name], node, given)
+
+
+def _check_driver(kind: Kind, node: DeclaredNode, given: dict[str, Any]) -> None:
+    """Refuse a driver that is not there, and settings that it would refuse; nothing is opened."""
+    driver = given[DEVICE]
+    known = known_drivers(kind)
+    if driver not in known:
+        near = get_close_matches(driver, known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        raise Refusal(
+            f"'{DEVICE}' of {node.name}: there is no {kind} driver '{driver}'; {hint}",
+            fault="unknown",
+            about=driver,
+        )
+    if driver == SIMULATED:
+        return
+    file = given.get("device_file", "")
+    settings = load_device(file)[0] if file else {}
+    surroundings = Surroundings(joint_controller=_of_the_node)
+    if kind == "cnc":
+        settings["position_rate_hz"] = _value(node, given, "position_rate")
+        surroundings = replace(
+            surroundings, machine=load_machine(_value(node, given, "machine"))[0]
+        )
+    try:
+        prepare(kind, driver, settings, surroundings)
+    except ValueError as error:
+        where = f"{file}" if file else f"'{DEVICE}' of {node.name} without a device_file"
+        raise Refusal(f"{where}: {error}", **fields_of(error)) from None
+
+
+def _of_the_node(names: ControllerNames) -> JointController:
+    raise NotImplementedError(f"{names}: a controller is asked by the node alone")
+
+
+def _value(node: DeclaredNode, given: dict[str, Any], name: str) -> Any:
+    return given.get(name, node.find(name).default)
+
+
+def _check_machines(given: dict[str, dict[str, Any]]) -> None:
+    """Refuse a sequencer and a bridge that would have different machines: no run would start."""
+    default = next(node for node in NODES if node.name == "sequencer").find("machine").default
+    one, other = (given[node].get("machine", default) for node in ("sequencer", "cnc_bridge"))
+    if load_machine(one)[0] != load_machine(other)[0]:
+        raise Refusal(
+            f"the machine of the sequencer ({one}) and of cnc_bridge ({other}) differ: name the"
+            " same file for both",
+            fault="mismatch",
+            about="machine",
         )
 
 

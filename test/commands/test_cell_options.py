@@ -8,6 +8,7 @@ from refused import refused
 from stepdiag_ros import cli
 from stepdiag_ros.cli import make_parser
 from stepdiag_ros.commands.cell import _nodes
+from stepdiag_ros.metrology.refusal import Refusal
 
 DEVICES = ("cnc_bridge", "interferometer", "weather")
 
@@ -60,6 +61,38 @@ def test_a_file_that_the_cell_needs_is_looked_for_before_its_nodes_start(
     path.write_text("\n".join([*rows, f"/**/{node}: {{ros__parameters: {values}}}"]))
     with refused(ValueError, None, "cell.yaml", "/nowhere/x.yaml"):
         nodes_for("--parameters", str(path))
+
+
+CONTROLLER = """
+controller: /gantry_controller
+controller_manager: /controller_manager
+joints: {X: [{name: x}], Y: [{name: y_left}, {name: y_right}], Z: [{name: z, factor: -1.0}]}
+acceleration_m_per_s2: [0.5, 0.5, 0.5]
+"""
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "named"),
+    [
+        ("factor", "factor", ()),
+        ("factor", "facter", ("cell.yaml", "gantry.yaml", "facter", "factor")),
+        ("name: z", "name: x", ("cell.yaml", "gantry.yaml")),
+        ("ros2_control", "ros2control", ("cell.yaml", "cnc_bridge", "ros2_control")),
+        ("machine: demo", "machine: gantry", ("cell.yaml", "demo", "gantry", "cnc_bridge")),
+    ],
+)
+def test_a_wrong_device_or_machine_is_refused_before_any_node_starts(wrong, right, named, tmp_path):
+    cell, device = tmp_path / "cell.yaml", tmp_path / "gantry.yaml"
+    bridge = f"{{device: ros2_control, device_file: {device}, machine: demo}}"
+    rows = [f"cnc_bridge: {{ros__parameters: {bridge}}}"]
+    rows += [f"{name}: {{ros__parameters: {{device: simulated}}}}" for name in DEVICES[1:]]
+    device.write_text(CONTROLLER.replace(wrong, right))
+    cell.write_text("\n".join(rows).replace(wrong, right))
+    if not named:
+        assert nodes_for("--parameters", str(cell))
+        return
+    with refused(Refusal, None, *named):
+        nodes_for("--parameters", str(cell))
 
 
 def test_the_simulated_cell_has_its_defaults(tmp_path, monkeypatch):
