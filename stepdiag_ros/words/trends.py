@@ -20,6 +20,7 @@ _REASONS = {
     Outlook.NO_TREND: "its trend may be zero, or is not known to half its size",
     Outlook.TOO_FAR: "the end of the interval is beyond twice the length of the history",
     Outlook.WANDERS: "its runs deviate from the line together, more than chance allows",
+    Outlook.MAYBE_CHANGED: "it may have changed, which its runs do not prove; measure again",
     Outlook.LAST_ALONE: "its last run stands alone; measure again",
     Outlook.MAYBE_OUTSIDE: "it may be outside its tolerance already",
 }

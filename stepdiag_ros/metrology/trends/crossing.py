@@ -28,6 +28,7 @@ class Outlook(Enum):
     NO_TREND = "the trend may be zero, or is not known to half its size"
     TOO_FAR = "the end of the interval is too far ahead for so short a history"
     LAST_ALONE = "the last run stands alone: a change, or a slip; measure again"
+    MAYBE_CHANGED = "a change that is not sure may have come: with it, there is no interval"
     WANDERS = "the figure wanders: its deviations from the line hang together"
 
 

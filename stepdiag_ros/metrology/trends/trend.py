@@ -33,6 +33,8 @@ LIMITS_PROBABILITY = 0.9973
 
 _LINE = ("level", "trend", "event", "step", "bend", "rate")
 _ASIDE = ("temperature", "season", "instrument")
+_DOUBT = 0.5
+"""Chance of a false change at which a change counts as possible, though it is not reported."""
 _LATELY = 4
 """Runs from a change to the last, at most, for which it is news."""
 _REACH = 2.0
@@ -158,18 +160,49 @@ def trend_of(
         at = design.names.index("temperature")
         search.design = design_of(series, hit, float(search.fitted(places).coefficients[at]))
         places = search.changes(places)
-    now = search.fitted(places)
-    steps = [Place(one, "step") for one in hit] if "event" in design.names else []
-    steps += [one for one in places if one.kind == "step"]
-    rate = max(abs(float(now.coefficients[1])), float(np.sqrt(now.covariance[1, 1])))
-    whole = with_changes(search.design, places, series.years)
-    trend = _trend(series, with_rates(whole, steps, series.years, rate), tolerance)
+    trend = _with_changes(series, search, places, hit, tolerance)
+    if trend.crossing.outlook is Outlook.INTERVAL:
+        trend = replace(trend, crossing=_doubted(series, search, places, hit, tolerance, trend))
     if (
         trend.crossing.outlook is not Outlook.NOT_ASKED
         and Place(len(series) - 1, "alone") in places
     ):
         trend = replace(trend, crossing=Crossing(Outlook.LAST_ALONE))
-    return replace(trend, changes=_changes(series, places, now, search))
+    return replace(trend, changes=_changes(series, places, search.fitted(places), search))
+
+
+def _with_changes(
+    series: Series, search: Search, places: list[Place], hit: list[int], tolerance: float
+) -> Trend:
+    """Return the trend with some changes; after a step the rate may be another one."""
+    now = search.fitted(places)
+    steps = [Place(one, "step") for one in hit] if "event" in search.design.names else []
+    steps += [one for one in places if one.kind == "step"]
+    rate = max(abs(float(now.coefficients[1])), float(np.sqrt(now.covariance[1, 1])))
+    whole = with_changes(search.design, places, series.years)
+    return _trend(series, with_rates(whole, steps, series.years, rate), tolerance)
+
+
+def _doubted(
+    series: Series,
+    search: Search,
+    places: list[Place],
+    hit: list[int],
+    tolerance: float,
+    trend: Trend,
+) -> Crossing:
+    """Return what is known of the crossing if changes that are not sure may have happened, too.
+
+    A change that is too small to be reported bends the line all the same, the last one most of all.
+    """
+    may = Search(search.design, series.years, _DOUBT).changes(places)
+    if may == places:
+        return trend.crossing
+    other = _with_changes(series, search, may, hit, tolerance).crossing
+    earliest = min(trend.crossing.earliest, other.earliest)
+    if other.outlook is not Outlook.INTERVAL:
+        return Crossing(Outlook.MAYBE_CHANGED, earliest)
+    return Crossing(Outlook.INTERVAL, earliest, max(trend.crossing.latest, other.latest))
 
 
 def _trend(series: Series, design: Design, tolerance: float) -> Trend:
