@@ -107,11 +107,17 @@ def date_of(years: float) -> datetime:
 
 
 def urgency(figure: FigureHistory) -> tuple[float, ...]:
-    """Return what is smaller the more a figure needs attention."""
+    """Return what is smaller the more a figure needs attention.
+
+    Of figures outside, the one that exceeds its tolerance by the largest factor comes first; of
+    those that will leave it, the one that leaves it first.
+    """
     trend = figure.trend
     outlook = trend.crossing.outlook
     rank = _ORDER.index(outlook) if outlook in _ORDER else len(_ORDER)
     until = trend.crossing.earliest if outlook is Outlook.INTERVAL else inf
+    if outlook in (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE):
+        until = -abs(trend.level) / figure.tolerance
     growth = abs(trend.slope) / trend.slope_expanded if trend.grows() else 0.0
     return (rank, until, not trend.changed_lately(), -growth)
 

@@ -75,6 +75,17 @@ def test_the_trend_orders_machines_of_one_state(folder):
     assert {one.state for one in found.values()} == {Conformity.WITHIN}
 
 
+def test_of_machines_outside_the_farthest_comes_first(folder):
+    runs = [
+        run(20 * n + k, name, 30 * k, size + 1e-8 * (k % 3))
+        for n, (name, size) in enumerate({"a near": 3e-5, "b far": 9e-5, "c between": 6e-5}.items())
+        for k in range(12)
+    ]
+    written(folder, *runs)
+    state(folder, "tolerances: {C0Y: 1.0e-5}")
+    assert [*read(folder)] == ["b far", "c between", "a near"]
+
+
 def test_a_run_that_was_not_evaluated_proves_nothing(folder):
     broken = run(2, "mill", 3, 1e-6, problem="no line was finished", largest_m=None)
     broken.figures.clear()
