@@ -3,6 +3,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from math import isfinite
 from typing import Any
 
@@ -102,7 +103,11 @@ class SequencerNode(StepdiagNode):
         self._stop_client = self.create_client(Trigger, "cnc_bridge/stop")
         self._reset_client = self.create_client(Trigger, "cnc_bridge/reset")
         self._measure = MeasureAction(
-            self, self.start, self._abort, self._progress, lambda: self._running().incomplete
+            self,
+            partial(self.start, by="a goal of ~/measure"),
+            self._abort,
+            self._progress,
+            lambda: self._running().incomplete,
         )
         self.offer("~/start", lambda: f"run {self.start()} begins")
         self.offer("~/pause", self.pause)
@@ -116,12 +121,13 @@ class SequencerNode(StepdiagNode):
 
     # What an operator asks for ------------------------------------------------------------------
 
-    def start(self, plan: str = "", until: str = "") -> str:
+    def start(self, plan: str = "", until: str = "", by: str = "~/start") -> str:
         """Begin a new run: describe it, and move once every node has taken it up.
 
         Args:
             plan: file, name or YAML text; empty for the one of the parameter.
             until: uncertainty to be reached, as in Measure.action; empty for that of the parameter.
+            by: what has asked for the run, for the log.
 
         Returns:
             the identity of the run.
@@ -162,6 +168,7 @@ class SequencerNode(StepdiagNode):
         self._published = None
         self._describe(text, until)
         self._taking_up = TakingUp(self.run_id, FOLLOWERS, self._needed, patience)
+        self.get_logger().info(f"run {self.run_id} of plan '{chosen.name}': asked for by {by}")
         return self.run_id
 
     def pause(self) -> str:

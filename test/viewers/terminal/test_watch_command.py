@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 from patience import PATIENCE
@@ -15,6 +16,7 @@ from refused import refused
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.cli import main
+from stepdiag_ros.commands import watch
 
 COMMAND = (sys.executable, "-m", "stepdiag_ros.cli", "watch")
 
@@ -166,3 +168,34 @@ def test_ctrl_c_leaves_the_terminal_whole_and_there_may_be_no_colour(bag):
 def test_a_terminal_that_cannot_be_drawn_on_gets_a_log(bag):
     code, written = on_a_terminal([str(bag), "--rate", "0"], TERM="dumb")
     assert code == 0 and "\x1b" not in written and " state: finished" in written
+
+
+class AState:
+    """What a viewer knows of a run that has measured five stops, with those that have come."""
+
+    def __init__(self):
+        self.stops = 0
+
+    def document(self, name):
+        run = {"state": "FINISHED", "run_id": "one", "stops_done": 5}
+        trace = [[number, None, None] for number in range(1, self.stops + 1)]
+        return {"run": run, "stop": {"trace": trace}}[name]
+
+
+def test_who_looks_once_waits_for_stops_that_are_late_but_not_for_ever(monkeypatch):
+    monkeypatch.setattr(watch, "_make_screen", lambda *_: None)
+    now = [100.0]
+    monkeypatch.setattr(watch.time, "monotonic", lambda: now[0])
+    node = SimpleNamespace(contact=lambda: "ten nodes", namespaces_with=lambda _: "")
+
+    def seconds_until_done(late):
+        state, begun = AState(), now[0]
+        once = watch._Once(state)
+        while not once.look(node):
+            now[0] += 0.1
+            state.stops = 5 if now[0] - begun > late else 3
+        return now[0] - begun
+
+    assert seconds_until_done(0.0) < 2.0
+    assert 4.0 < seconds_until_done(4.0) < 4.5
+    assert 10.0 < seconds_until_done(1e9) < 10.5
