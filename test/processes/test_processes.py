@@ -16,7 +16,7 @@ from stepdiag_ros.processes import measure
 from stepdiag_ros.processes.following import RunFailed
 from stepdiag_ros.processes.graph import in_graph
 from stepdiag_ros.processes.measure import MeasuringSession
-from stepdiag_ros.processes.node_process import NodeProcess, Processes, environment
+from stepdiag_ros.processes.node_process import NodeProcess, Processes, ending, environment
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 always looks where it stands")
@@ -71,6 +71,22 @@ def test_a_lost_node_of_a_cell_is_told_with_the_bag_of_the_run_and_its_lines(tmp
     bag.touch()
     with refused(RunFailed, None, str(bag), "3", "7"):
         session._check(operator, lost)
+
+
+@pytest.mark.parametrize("code", [-signal.SIGKILL, -signal.SIGSEGV, 3])
+@pytest.mark.parametrize("last", ["", "[INFO] [17.5] [cnc_bridge]: controller: active"])
+def test_what_a_node_reported_in_health_is_not_given_as_why_it_ended(code, last):
+    said = ending("bridge", code, last)
+    assert last in said and not said.endswith(f"): {last}")
+    # What may be done then is there as well.
+    assert len(said) > len(last) + len("the bridge node has ended (exit code 3): ")
+
+
+def test_a_node_that_says_why_it_ends_is_quoted():
+    why = "no device at 'ttyUSB7' (see logs/bridge.log)"
+    assert ending("bridge", 1, why).endswith(f"): {why}")
+    # It was killed afterwards, so this is not why.
+    assert not ending("bridge", -signal.SIGKILL, why).endswith(f"): {why}")
 
 
 def test_whoever_looks_in_a_wrong_namespace_learns_the_right_one():
