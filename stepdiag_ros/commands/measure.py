@@ -36,7 +36,7 @@ def run(arguments: Namespace) -> int:
     if arguments.plan:
         plan, text = configuration.load_plan(arguments.plan)
         warn_of_undetermined(plan)
-    with progress_bar("measuring") as progress:
+    with progress_bar("") as progress:
         tell = _Teller(progress)
         # What was given is warned of already.
         on_plan = None if text else _warn_beside
