@@ -2,7 +2,7 @@
 """The ``stepdiag`` command line.
 
 Exit codes: 0 done, 1 refused or failed (one sentence on standard error says why), 2 wrong usage,
-130 stopped with Ctrl-C, 141 the reader of the output has gone away.
+130 stopped with Ctrl-C, 143 ended by SIGTERM, 141 the reader of the output has gone away.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from textwrap import wrap
 
 from stepdiag_ros.commands.arguments import Command, CommandParser, Group, HintingParser
 from stepdiag_ros.metrology.registry import of_modules
+from stepdiag_ros.run.interruption import Terminated
 from stepdiag_ros.text.sentence import PREFIX, sentence
 from stepdiag_ros.text.terminal import columns, fitted
 
@@ -115,6 +116,17 @@ def _leave_pipe() -> None:
     os.dup2(nowhere, sys.stdout.fileno())
 
 
+def _end_by_sigterm() -> None:
+    """End by the signal that asked for it, as the caller expects: a service manager or a shell.
+
+    Everything that the command began is ended already.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.raise_signal(signal.SIGTERM)
+
+
 def _forget_interrupt() -> None:
     """Let ``python -m stepdiag_ros.cli`` end with the exit code that ``main`` returns.
 
@@ -146,6 +158,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as error:
         print(f"stepdiag: stopped{f': {error}' if str(error) else ''}", file=sys.stderr)
         _forget_interrupt()
+        if isinstance(error, Terminated):
+            _end_by_sigterm()
         return _EXIT_INTERRUPTED
     except BrokenPipeError:
         _leave_pipe()

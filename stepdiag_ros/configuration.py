@@ -7,7 +7,6 @@ text of a file is returned beside what was made from it, because a run records t
 import hashlib
 import re
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -16,6 +15,7 @@ import yaml
 from stepdiag_ros import resources
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.spelling import nearest
 from stepdiag_ros.text.intake import parse_yaml
 
 if TYPE_CHECKING:
@@ -73,11 +73,11 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
         packaged = resources.directory("config") / folder / f"{name_or_path}.yaml"
         if packaged.is_file():
             return packaged
-    near = get_close_matches(str(name_or_path), available(folder), n=1)
+    near = nearest(name_or_path, available(folder))
     beside = [str(one) for one in path.parent.glob("*.y*ml")]
     # A path is meant where it has an ending; a name of the package has none.
-    near = get_close_matches(str(path), beside, n=1) if path.suffix else near
-    hint = f"did you mean {near[0]}? Give" if near else "give"
+    near = nearest(path, beside) if path.suffix else near
+    hint = f"did you mean {near}? Give" if near else "give"
     raise Refusal(
         f"there is no {what} '{name_or_path}': {hint} the path of a YAML file"
         f" or one of {', '.join(available(folder))}",

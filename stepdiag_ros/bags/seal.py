@@ -150,8 +150,8 @@ def read_seal(path: Path) -> Seal | None:
     Raises:
         OSError: the file or its seal cannot be read.
     """
-    beside = seal_path(path)
-    if not path.is_file() or not beside.exists():
+    # A folder has no seal, and may have no name (".").
+    if not path.is_file() or not (beside := seal_path(path)).exists():
         return None
     try:
         told = _document(beside)
@@ -182,7 +182,7 @@ def require_seal(path: Path, public_key: Path) -> Seal:
     wanted = _public_key(public_key)
     found = read_seal(path)
     if found is None:
-        raise ValueError(f"{path} has no seal ({seal_path(path).name}); make one: stepdiag seal")
+        raise ValueError(f"{path} has no seal ({path.name}{SUFFIX}); make one: stepdiag seal")
     if not found.right:
         raise Refusal(
             f"the seal of {path} is wrong: {found.problem}", fault="mismatch", aspect="content"

@@ -5,7 +5,6 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from math import isnan
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +15,7 @@ from stepdiag_ros.metrology.geometry import AXES, move_orders
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, LINE_NAMES, STEP_DIAGONAL
 from stepdiag_ros.metrology.refusal import Fault
+from stepdiag_ros.metrology.spelling import nearest
 
 ENVIRONMENT_COLUMNS = (
     "air_temperature_degC",
@@ -249,10 +249,10 @@ def _places(header: list[str], source: str) -> dict[str, int]:
             raise refusal(
                 source, 1, f"column '{name}' is there {names.count(name)} times", fault="twice"
             )
-        near = get_close_matches(name, known, n=1, cutoff=_MISSPELT)
+        near = nearest(name, known, _MISSPELT)
         if name not in known and near:
             raise refusal(
-                source, 1, f"unknown column '{name}'; did you mean '{near[0]}'?", fault="unknown"
+                source, 1, f"unknown column '{name}'; did you mean '{near}'?", fault="unknown"
             )
     return {name: names.index(name) for name in known if name in names}
 

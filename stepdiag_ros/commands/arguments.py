@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
-from difflib import get_close_matches
 from enum import Enum
 from functools import partial
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import Any, NoReturn
 
+from stepdiag_ros.metrology.spelling import nearest
 from stepdiag_ros.text.terminal import columns, fitted
 
 _HIGHEST_PORT = 65535
@@ -78,8 +78,8 @@ class HintingParser(argparse.ArgumentParser):
         if action.choices is None or value in action.choices:
             return
         known = [str(choice) for choice in action.choices]
-        near = get_close_matches(str(value), known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
+        near = nearest(value, known)
+        hint = f"did you mean {near}?" if near else f"choose from {', '.join(known)}"
         if isinstance(action, argparse._SubParsersAction):
             raise argparse.ArgumentError(None, f"there is no command '{value}'; {hint}")
         raise argparse.ArgumentError(action, f"there is no '{value}'; {hint}")
@@ -143,8 +143,8 @@ class CommandParser(HintingParser):
         wrong = options[0].partition("=")[0]
         # All begin with two dashes, which makes none of them alike.
         names = [one[2:] for one in self._option_string_actions if one.startswith("--")]
-        near = get_close_matches(wrong.lstrip("-"), names, n=1)
-        hint = f"did you mean --{near[0]}?" if near else f"'{self.prog} --help' lists them"
+        near = nearest(wrong.lstrip("-"), names)
+        hint = f"did you mean --{near}?" if near else f"'{self.prog} --help' lists them"
         self.error(f"there is no option {wrong}; {hint}")
 
 

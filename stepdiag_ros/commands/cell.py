@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -61,7 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     where = f"ROS domain {domain}" + (f" in namespace {namespace}" if namespace else "")
     measure = "stepdiag measure" + (f" --namespace {namespace}" if namespace else "")
     up = False
-    with progress_bar("starting") as progress:
+    with ExitStack() as bar:
+        progress = bar.enter_context(progress_bar(""))
 
         def tell(news: "RunNews") -> None:
             if up:
@@ -72,7 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
         def ready(missing: str) -> None:
             nonlocal up
             up = True
-            progress(1.0)
+            # Nothing is waited for any more.
+            bar.close()
             say(
                 f"{len(nodes)} nodes are up on {where}; bags go to {folder}. Nothing moves before"
                 f" a run is started: {measure}. Ctrl-C or SIGTERM ends the cell."

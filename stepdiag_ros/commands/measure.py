@@ -36,7 +36,7 @@ def run(arguments: Namespace) -> int:
     if arguments.plan:
         plan, text = configuration.load_plan(arguments.plan)
         warn_of_undetermined(plan)
-    with progress_bar("measuring") as progress:
+    with progress_bar("") as progress:
         tell = _Teller(progress)
         # What was given is warned of already.
         on_plan = None if text else _warn_beside
@@ -184,7 +184,7 @@ COMMAND = Command(
     " fault, the command reports it: press Enter to continue once everything is in order. Without"
     " a terminal, a fault ends the run, and 'stepdiag resume' confirms a setup. Ctrl-C stops the"
     " machine and ends the run. The exit code is 0 if all lines were measured and the"
-    " bag is whole, 1 if not, 130 after Ctrl-C.",
+    " bag is whole, 1 if not, 130 after Ctrl-C, 143 after SIGTERM.",
     epilog="examples:\n"
     "  stepdiag measure                        plan of the sequencer\n"
     "  stepdiag measure --plan my_plan.yaml    another plan, in a file on this computer",

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from stepdiag_ros.evaluation.report import Report
     from stepdiag_ros.metrology.plan import Plan
 
+_BAR_WIDTH = 20
+"""Columns of a progress bar; the text beside it needs the rest."""
+
 
 def methods_help(replicable: bool = False) -> str:
     """Return the methods for the end of a help: name and summary, a line each.
@@ -53,7 +56,8 @@ def number(text: str, low: float, high: float) -> float:
 
 def say(text: str) -> None:
     """Print information that is not the result."""
-    print(fitted(printable(text), columns(sys.stderr)), file=sys.stderr)
+    # With its line end in one piece, so that a bar beside it comes after the whole text.
+    print(f"{fitted(printable(text), columns(sys.stderr))}\n", end="", file=sys.stderr)
 
 
 def warn(text: str) -> None:
@@ -122,7 +126,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
     """Show a progress bar on standard error while the block runs, if that is a terminal.
 
     Args:
-        title: what is being done.
+        title: what is being done; empty where the callback is given whole sentences.
     """
     if not sys.stderr.isatty():
 
@@ -134,10 +138,12 @@ def progress_bar(title: str) -> Iterator[Progress]:
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
+    from rich.table import Column
 
+    # A text that is too long goes on in the next line: what a run waits for stands at its end.
     with Bar(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
+        TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
+        BarColumn(_BAR_WIDTH),
         TaskProgressColumn(),
         TimeRemainingColumn(),
         console=Console(stderr=True),
@@ -146,7 +152,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
         task = bar.add_task(title, total=1.0)
 
         def show(done: float, text: str = "") -> None:
-            bar.update(task, completed=done, description=f"{title} {text}".rstrip())
+            bar.update(task, completed=done, description=f"{title} {text}".strip())
 
         yield show
 

@@ -2,9 +2,9 @@
 
 import sys
 from argparse import ArgumentParser, Namespace
-from difflib import get_close_matches
 
 from stepdiag_ros.commands.arguments import Command, Group
+from stepdiag_ros.metrology.spelling import nearest
 from stepdiag_ros.parameters.declaration import DeclaredNode
 from stepdiag_ros.parameters.nodes import NODES
 
@@ -52,8 +52,8 @@ def _node(name: str) -> DeclaredNode:
         if name in (node.module, node.name):
             return node
     known = [node.module for node in NODES]
-    near = get_close_matches(name, known, n=1)
-    hint = f"did you mean {near[0]}?" if near else f"use {', '.join(known)}"
+    near = nearest(name, known)
+    hint = f"did you mean {near}?" if near else f"use {', '.join(known)}"
     raise ValueError(f"there is no node '{name}'; {hint}")
 
 

@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     until = until_of(arguments)
     refuse_target(until, arguments)
     nodes, folder = cell_nodes(arguments)
-    with progress_bar("measuring") as progress:
+    with progress_bar("") as progress:
         tell_of_target = TargetTeller(say)
 
         def tell(told: "RunNews") -> None:

@@ -30,7 +30,10 @@ from stepdiag_ros.devices.weather import WeatherDevice
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.spelling import nearest
 
+NO_DRIVER = "driver"
+"""``aspect`` of a refusal where the driver itself is at fault, not a setting of it."""
 Kind = Literal["cnc", "interferometer", "weather"]
 Device = CncDevice | InterferometerDevice | WeatherDevice
 _Driver = Callable[..., Callable[[int], Device]]
@@ -127,14 +130,23 @@ def _driver(kind: Kind, name: str) -> _Driver:
             found.append(entry.load())
         except (ImportError, AttributeError) as error:
             place = f"the {kind} driver '{name}' ({entry.value})"
-            raise Refusal(f"{place} cannot be loaded: {error}", fault="failed") from error
+            raise Refusal(
+                f"{place} cannot be loaded: {error}", fault="failed", aspect=NO_DRIVER
+            ) from error
     if not found:
-        known = ", ".join(known_drivers(kind))
-        raise Refusal(f"there is no {kind} driver '{name}'; known: {known}", fault="unknown")
+        known = known_drivers(kind)
+        near = nearest(name, known)
+        hint = f"did you mean {near}? K" if near else "k"
+        raise Refusal(
+            f"there is no {kind} driver '{name}'; {hint}nown: {', '.join(known)}",
+            fault="unknown",
+            aspect=NO_DRIVER,
+        )
     if len(found) > 1:
         raise Refusal(
             f"there are {len(found)} {kind} drivers '{name}': remove a package that brings one",
             fault="ambiguous",
+            aspect=NO_DRIVER,
         )
     return found[0]
 

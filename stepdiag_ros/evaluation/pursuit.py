@@ -41,6 +41,7 @@ from stepdiag_ros.planning.duration import duration
 from stepdiag_ros.planning.expectation import nominal_measurement
 from stepdiag_ros.text.numbers import in_micro
 
+_LARGE = "U is larger than the target"
 ORDINARY_STOP = 0.1e-6
 """Standard uncertainty of a stop before any was read, m: that of ``stepdiag plan``."""
 
@@ -244,7 +245,7 @@ def _unknown_or_large(target: Target, now: float) -> str:
     if not isfinite(now):
         return f"the lines so far do not determine {target.words}"
     if now > target.size:
-        return f"U is {in_micro(now, target.unit)}"
+        return _LARGE
     return ""
 
 
@@ -272,7 +273,7 @@ def _blind(pursuit: Pursuit, measurement: Measurement) -> str:
 
 def _beyond(target: Target, lacking: str, expected: float, may_end: bool, over: bool) -> str:
     if over:
-        return lacking
+        return "all lines of the plan are measured" if lacking == _LARGE else lacking
     if not may_end:
         return f"the plan has too few runs: {lacking}"
     return f"about {in_micro(expected, target.unit)} is expected at the end of the plan"

@@ -1,12 +1,12 @@
 """Checked reading of configuration: a refusal names the source, the key and what is expected."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from math import inf, nan
 from numbers import Real
 from typing import Any, TypeVar
 
 from stepdiag_ros.metrology.refusal import Fault, Refusal
+from stepdiag_ros.metrology.spelling import nearest
 
 UNKNOWN = "unknown"
 """What a file says where a number is not known."""
@@ -77,8 +77,8 @@ class Section:
         value = self._mapping.get(key, _MISSING)
         if value is _MISSING:
             if default is _MISSING:
-                near = get_close_matches(key, self.keys(), n=1)
-                hint = f"; is '{near[0]}' a typing error?" if near else ""
+                near = nearest(key, self.keys())
+                hint = f"; is '{near}' a typing error?" if near else ""
                 raise Refusal(
                     f"{self._source}: '{key}' is missing{hint}",
                     fault="missing",
@@ -285,10 +285,10 @@ class Section:
         """Refuse keys that nothing has asked for: they are typing errors."""
         for key in self._mapping:
             if key not in self._taken:
-                near = get_close_matches(str(key), sorted(self._taken), n=1)
+                near = nearest(key, sorted(self._taken))
                 known = ", ".join(sorted(self._taken)) or "none"
                 few = len(self._taken) <= _MOST_LISTED
-                hint = f"; did you mean '{near[0]}'?" if near else f"; known: {known}" * few
+                hint = f"; did you mean '{near}'?" if near else f"; known: {known}" * few
                 raise Refusal(
                     f"{self._source}: unknown key '{key}'{hint}",
                     fault="unknown",

@@ -107,16 +107,12 @@ class Target:
     @property
     def line_and_parameter(self) -> tuple[str, str]:
         """Return line and parameter of a target of ISO 230-2 or ISO 230-6; else empty texts."""
-        line, colon, parameter = self.quantity.partition(":")
-        return (line, parameter) if colon else ("", "")
+        return _line_and_parameter(self.quantity)
 
     @property
     def words(self) -> str:
         """Return the quantity in words."""
-        line, parameter = self.line_and_parameter
-        if line:
-            return f"{parameter} of {line}"
-        return "the largest error in the volume" if self.quantity == VOLUMETRIC else self.quantity
+        return _quantity_words(self.quantity)
 
     def runs_wanted(self, line: Line) -> int:
         """Return in how many runs in each direction a line has to be read at least."""
@@ -124,6 +120,18 @@ class Target:
         if name and name == tested_as(line):
             return RUNS_OF_THE_STANDARD
         return RUNS_OF_REPEATABILITY
+
+
+def _line_and_parameter(quantity: str) -> tuple[str, str]:
+    line, colon, parameter = quantity.partition(":")
+    return (line, parameter) if colon else ("", "")
+
+
+def _quantity_words(quantity: str) -> str:
+    line, parameter = _line_and_parameter(quantity)
+    if line:
+        return f"{parameter} of {line}"
+    return "the largest error in the volume" if quantity == VOLUMETRIC else quantity
 
 
 @dataclass(frozen=True)
@@ -152,6 +160,11 @@ class TargetStanding:
     state: TargetState
     lines: int
     text: str
+
+    @property
+    def words(self) -> str:
+        """Return the quantity in words."""
+        return _quantity_words(self.quantity)
 
 
 def tested_as(line: Line) -> str:

@@ -9,13 +9,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from stepdiag_ros.run.interruption import Terminated
+
 _handling = False
-_come = False
+_come: KeyboardInterrupt | None = None
 
 
 @contextmanager
 def raised() -> Iterator[None]:
     """Let SIGINT and SIGTERM raise KeyboardInterrupt in the block, except in ``held``.
+
+    SIGTERM raises ``Terminated``, which is one.
 
     SIGINT stays ignored where it was, as in the background of a shell.
     """
@@ -42,13 +46,14 @@ def held() -> Iterator[None]:
         yield
     finally:
         _handling = False
-    if _come:
-        _come = False
-        raise KeyboardInterrupt
+    if _come is not None:
+        come, _come = _come, None
+        raise come
 
 
-def _on_signal(_number: int, _frame: FrameType | None) -> None:
+def _on_signal(number: int, _frame: FrameType | None) -> None:
     global _come
+    asked = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
     if not _handling:
-        raise KeyboardInterrupt
-    _come = True
+        raise asked
+    _come = asked

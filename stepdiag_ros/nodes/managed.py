@@ -28,6 +28,7 @@ from rclpy.lifecycle import (
 )
 
 from stepdiag_ros.configuration import load_device
+from stepdiag_ros.devices import NO_DRIVER
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet
@@ -171,6 +172,11 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
             yield
         except ValueError as error:
             fields = fields_of(error)
+            if fields.get("aspect") == NO_DRIVER:
+                # No file has chosen the driver.
+                raise Refusal(
+                    f"parameter 'device': {error}", **{**fields, "about": "device"}
+                ) from None
             if file:
                 raise Refusal(f"{file}: {error}", **fields) from None
             if fields.get("fault") == "missing":

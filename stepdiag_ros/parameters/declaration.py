@@ -6,16 +6,15 @@ Plain data, no ROS client. Says in words why a value cannot be a parameter's.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from enum import Enum
 
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.spelling import nearest
 
 Value = bool | int | float | str
 """What a parameter may be."""
 
 _KINDS: dict[type, str] = {bool: "true or false", int: "a whole number", str: "a text"}
-_NUMBER = "a number with a point, such as 1.0"
 
 
 class Changeable(Enum):
@@ -90,12 +89,13 @@ class Declaration:
         """Return in words what may be given."""
         if self.choices:
             return self.limits
-        kind = _KINDS.get(type(self.default), _NUMBER)
-        if not self.limits:
-            return kind
         unit = f" {self.unit}" if self.unit else ""
-        comma = "," if kind is _NUMBER else ""
-        return f"{kind}{comma} from {self.limits}{unit}"
+        if isinstance(self.default, float) and self.high is not None:
+            # The default may be zero, which many take for "none".
+            example = written(self.default or self.high)
+            return f"a number with a point, such as {example}, from {self.limits}{unit}"
+        kind = _KINDS[type(self.default)]
+        return f"{kind} from {self.limits}{unit}" if self.limits else kind
 
     def refusal(self, value: object) -> str:
         """Say why a value cannot be the parameter's; empty if it can.
@@ -129,8 +129,8 @@ class Declaration:
         return ""
 
     def _near(self, value: object) -> str:
-        near = get_close_matches(str(value), self.allowed, n=1)
-        return f"; did you mean {near[0]}?" if near else ""
+        near = nearest(value, self.allowed)
+        return f"; did you mean {near}?" if near else ""
 
 
 def _number(value: object) -> float | None:
@@ -202,8 +202,8 @@ class DeclaredNode:
     def no_such(self, name: str, node: str) -> str:
         """Say that the node, by the name it has now, has no parameter of that name."""
         own = [declaration.name for declaration in (*self.parameters, *COMMON)]
-        near = get_close_matches(name, own, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(sorted(own))}"
+        near = nearest(name, own)
+        hint = f"did you mean '{near}'?" if near else f"it has {', '.join(sorted(own))}"
         return f"node {node} has no parameter '{name}'; {hint}"
 
     def check(self, name: str, value: object) -> None:

@@ -1,5 +1,6 @@
 """The measured box in the machine's travel, with every line that a plan measures."""
 
+import re
 from textwrap import wrap
 from typing import Any
 
@@ -7,12 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from stepdiag_ros.metrology.geometry import FACE_DIAGONALS, Vector
+from stepdiag_ros.metrology.geometry import AXES, FACE_DIAGONALS, LINEAR_LINES, Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Line, Plan
 from stepdiag_ros.metrology.plan import FORWARD as FORWARD_SENSE
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.tracked_line import station_of, test_line_of
+from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.plots.places import here
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import COLOURS, SMALL_SIZE, Sheet, panel_title
@@ -23,11 +25,14 @@ _SMALL = 0.5
 """A box whose diagonal is a smaller share of the travel's is drawn without the travel."""
 _LEGEND_ROOM = 0.45
 """Left of a drawing, as a share of its size."""
+_SHORT_LABEL, _LETTER_ROOM = 12, 0.03
+"""Letters of a name in the legend that have room, and the room for each further one."""
 _MOST_NAMED = 9
 """Lines of a panel that have their names beside them; more would hide each other's."""
 _BESIDE, _WORD = 0.02, 0.12
 """Distance of a step diagonal's name from its end, and of the name's end, as shares of the box."""
 _ON_LINE = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
+_NO_BREAK = "\u00a0"
 _TITLE_WIDTH = 78
 """Characters of a line of the heading."""
 
@@ -52,12 +57,8 @@ def plan(
     """
     if plan.tracker is not None:
         return _tracked(plan, title, stamp, axes)
-    box = (np.array(plan.volume.origin), _far_corner(plan))
-    outer = box
-    if machine is not None:
-        travel = np.array(machine.travel_low_m), np.array(machine.travel_high_m)
-        sizes = [float(np.linalg.norm(high - low)) for low, high in (box, travel)]
-        outer = travel if sizes[0] >= _SMALL * sizes[1] else box
+    box: tuple[Vector, Vector] = (np.array(plan.volume.origin), _far_corner(plan))
+    outer = box if machine is None else _outer(box, machine)
     kinds: dict[str, list[Line]] = {}
     for line in plan.lines:
         kinds.setdefault(_kind(line), []).append(line)
@@ -87,20 +88,36 @@ def plan(
             _name_lines(panel, distinct, plan, box)
         # Where all is narrow, the names beside the lines have to do.
         keyed = not (named and narrow)
-        frame_box(panel, *outer, room=_LEGEND_ROOM if keyed else 0.0)
+        longer = max(len(_label(line, plan)) for line in distinct) - _SHORT_LABEL
+        room = _LEGEND_ROOM + _LETTER_ROOM * max(longer, 0)
+        frame_box(panel, *outer, room=room if keyed else 0.0)
         panel_title(panel, words)
         if keyed:
             _draw_key(panel)
-    heading = wrap(plan.name, _TITLE_WIDTH) if title is None else [title]
+    heading = _heading(plan) if title is None else [title]
     return sheet.finish(
         heading[0] if heading else "",
         under=heading[1:],
         legend=False,
         small_print=[
             "Squares: first stop of the forward sense. Dashed: the beam of a step diagonal."
+            " Places in mm."
         ],
         stamp=stamp,
     )
+
+
+def _heading(plan: Plan) -> list[str]:
+    """Return the name of a plan in lines; the sides of its box are read together."""
+    name = re.sub(r"(?<=\d) (?=x \d|mm\b)|(?<=\d x) (?=\d)", _NO_BREAK, plan.name)
+    return wrap(name, _TITLE_WIDTH)
+
+
+def _outer(box: tuple[Vector, Vector], machine: Machine) -> tuple[Vector, Vector]:
+    """Return the machine's travel, or the box itself where it is small in it."""
+    travel = np.array(machine.travel_low_m), np.array(machine.travel_high_m)
+    sizes = [float(np.linalg.norm(high - low)) for low, high in (box, travel)]
+    return travel if sizes[0] >= _SMALL * sizes[1] else box
 
 
 def _draw_key(axes: Axes) -> None:
@@ -171,20 +188,31 @@ def _name_lines(axes: Axes, lines: list[Line], plan: Plan, box: tuple[Vector, Ve
         if line.kind == STEP_DIAGONAL:
             at = project(stops[-1])
             sense = 1.0 if at[0] >= middle else -1.0
-            look = {"ha": "left" if sense > 0.0 else "right"}
+            look = {"ha": "left" if sense > 0.0 else "right", "bbox": _ON_LINE | {"pad": 0.2}}
             # Room for the word.
             axes.update_datalim([at + np.array([sense * _WORD * size, 0.0])])
             at = at + np.array([sense * _BESIDE * size, 0.0])
         axes.text(float(at[0]), float(at[1]), line.name, va="center", fontsize=SMALL_SIZE, **look)
 
 
+def _label(line: Line, plan: Plan) -> str:
+    """Return which line it is, and where, in mm of machine coordinates as the drawing is."""
+    words = line.setup if line.kind == DIAGONAL else line.setup.replace(line.order, "").strip()
+    if not any(line.offset):
+        return words
+    start = line.stops(plan.volume)[0] * IN_MILLI
+    moved = LINEAR_LINES.index(line.name) if line.kind == LINEAR else None
+    places = (f"{name} {start[axis]:.4g}" for axis, name in enumerate(AXES) if axis != moved)
+    return f"{words.partition('@')[0]} at {', '.join(places)}{line.mount}"
+
+
 def _draw_line(axes: Axes, plan: Plan, line: Line, index: int) -> None:
     colour = COLOURS[index % len(COLOURS)]
     marker = _MARKERS[index // len(COLOURS) % len(_MARKERS)]
     stops = line.stops(plan.volume)
-    label = line.setup if line.kind == DIAGONAL else line.setup.replace(line.order, "").strip()
     drawn = project(stops)
-    axes.plot(*drawn.T, color=colour, linewidth=1.0, marker=marker, markersize=1.8, label=label)
+    look: dict[str, Any] = {"color": colour, "linewidth": 1.0, "marker": marker, "markersize": 1.8}
+    axes.plot(*drawn.T, **look, label=_label(line, plan))
     if line.order:
         add_wires(axes, [stops[[0, -1]]], colors=colour, linewidths=0.8, linestyles="--")
     # The first stop of the forward sense, where the beam comes from.

@@ -105,7 +105,7 @@ def frame_box(
         (np.array([low[0], low[1], low[2]]), np.array([low[0], low[1], z])),
     )
     size = float(np.ptp(project(box_edges(low, high)).reshape(-1, 2), axis=0).max())
-    below = 0.1
+    below, right = 0.1, 0.03
     # Larger numbers of two edges that meet need more room between them.
     ends = 0.03 * (1.0 + letters - SMALL_SIZE)
     outwards = (np.array([-0.35, -0.6]), np.array([0.35, -0.4]), np.array([-0.5, 0.0]))
@@ -117,19 +117,23 @@ def frame_box(
         # Along a short edge the name has no room between the numbers.
         short = np.linalg.norm(last - first) < _SHORT * size
         beside, below = (4.0, 0.2) if short else (1.8, below)
+        # Y is named to the right of its edge, where a short one leaves no room.
+        right = 0.12 if short and axis == 1 else right
+        # The end of X meets the begin of Y: two numbers side by side must not become one.
+        ending = "right" if axis == 0 else across
         words = (
-            (0.5, f"{AXES[axis]} / mm", beside, letters + 0.5),
-            (ends, f"{low[axis] * IN_MILLI:g}", 1.0, letters),
-            (1.0 - ends, f"{high[axis] * IN_MILLI:g}", 1.0, letters),
+            (0.5, f"{AXES[axis]} / mm", beside, letters + 0.5, across),
+            (ends, f"{low[axis] * IN_MILLI:g}", 1.0, letters, across),
+            (1.0 - ends, f"{high[axis] * IN_MILLI:g}", 1.0, letters, ending),
         )
-        for share, word, away, size_of_word in words:
+        for share, word, away, size_of_word, side in words:
             at = first + share * (last - first) + away * step
             axes.text(
-                float(at[0]), float(at[1]), word, ha=across, va=up, fontsize=size_of_word, color=INK
+                float(at[0]), float(at[1]), word, ha=side, va=up, fontsize=size_of_word, color=INK
             )
     reach = project(box_edges(low, high)).reshape(-1, 2)
     first = reach.min(axis=0) - np.array([0.1 + room, below]) * size
-    axes.update_datalim(np.array([first, reach.max(axis=0) + 0.03 * size]))
+    axes.update_datalim(np.array([first, reach.max(axis=0) + np.array([right, 0.03]) * size]))
     axes.margins(0.01)
     axes.autoscale_view()
     axes.set_aspect("equal")

@@ -10,8 +10,8 @@ from stepdiag_ros.processes.node_process import ENCLAVE
 def in_graph(namespace: str = "") -> Iterator[None]:
     """Be part of the ROS graph while the block runs.
 
-    Ctrl-C and a request to end (SIGTERM) both raise KeyboardInterrupt in the block, which leaves
-    time to stop the machine and to close the bag.
+    Ctrl-C and a request to end (SIGTERM) both raise KeyboardInterrupt in the block (the latter
+    ``run.interruption.Terminated``), which leaves time to stop the machine and to close the bag.
 
     Args:
         namespace: of the nodes that are made in the block, such as ``/cell_1``; empty for none.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from stepdiag_ros.processes.following import FollowedRun, RunFailed, RunNews, RunOutcome
 from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.run.identity import file_name_of
 from stepdiag_ros.run.sequence import State
 
 if TYPE_CHECKING:
@@ -54,22 +55,43 @@ class JoinedRun:
             ValueError: the ROS graph cannot be joined.
             KeyboardInterrupt: as asked; the machine stands still and the bag is closed.
         """
+        try:
+            with in_graph(self._namespace):
+                self._measure(plan, until)
+        except KeyboardInterrupt as error:
+            raise type(error)(str(error) or "no run was begun") from None
+
+    def _measure(self, plan: str, until: str) -> None:
         from stepdiag_ros.nodes.operator import OperatorNode
 
-        with in_graph(self._namespace):
-            operator = OperatorNode()
-            self._tell(RunNews("looking for the nodes"))
-            _wait_for_sequencer(
-                operator,
-                self._namespace,
-                "start the nodes first ('stepdiag cell'), or measure on nodes of its own in the"
-                " simulated cell with 'stepdiag run'",
-            )
-            run = FollowedRun(operator, self._tell, lambda: False, self._on_hold, self._on_plan)
-            try:
-                run.measure(plan, until)
-            finally:
-                self.measured = run.measured
+        operator = OperatorNode()
+        self._tell(RunNews("looking for the nodes"))
+        _wait_for_sequencer(
+            operator,
+            self._namespace,
+            "start the nodes first ('stepdiag cell'), or measure on nodes of its own in the"
+            " simulated cell with 'stepdiag run'",
+        )
+        run = FollowedRun(operator, self._tell, lambda: False, self._on_hold, self._on_plan)
+        try:
+            run.measure(plan, until)
+        except KeyboardInterrupt as error:
+            raise type(error)(_left_by(run) or "the request for a run was withdrawn") from None
+        except RunFailed as error:
+            left = _left_by(run) if run.measured is None else ""
+            raise RunFailed(
+                "; ".join(filter(None, (str(error), left))), fault=error.fault
+            ) from None
+        finally:
+            self.measured = run.measured
+
+
+def _left_by(run: FollowedRun) -> str:
+    """Say which run was begun and what its bag is called; empty if none is known to have begun."""
+    if not run.run_id:
+        return ""
+    name = f"{file_name_of(run.run_id)}.mcap"
+    return f"run {run.run_id} was begun; its bag is {name} in the folder of the recorder"
 
 
 def asked_of_sequencer(service: str, namespace: str) -> str:

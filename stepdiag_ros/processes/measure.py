@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from stepdiag_ros.parameters.nodes import declared_node
-from stepdiag_ros.processes.following import FollowedRun, RunFailed, RunNews
+from stepdiag_ros.processes.following import ENDED, FollowedRun, RunFailed, RunNews
 from stepdiag_ros.processes.graph import in_graph
 from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.identity import file_name_of
@@ -70,8 +70,11 @@ class MeasuringSession:
             ValueError: the ROS graph cannot be joined.
             KeyboardInterrupt: as asked; the machine stands still and the bag is closed.
         """
-        with self._started() as (operator, processes):
-            return self._measure(operator, processes)
+        try:
+            with self._started() as (operator, processes):
+                return self._measure(operator, processes)
+        except KeyboardInterrupt as error:
+            raise type(error)(str(error) or "no run was begun") from None
 
     def keep_up(self, ready: Callable[[str], None]) -> NoReturn:
         """Keep the nodes up, for runs that others start, until this process is interrupted.
@@ -86,14 +89,23 @@ class MeasuringSession:
         """
         with self._started() as (operator, processes):
             ready(self._wait_for_nodes(operator, processes))
-            missed: dict[str, str] = {}
-            while True:
-                operator.spin_until(lambda: False, LOOK_PERIOD)
-                self._check(operator, processes)
-                ended = processes.ended()
-                for name in ended.keys() - missed.keys():
-                    self._tell(RunNews(f"{ended[name]}; the other nodes go on"))
-                missed = ended
+            try:
+                self._look_on(operator, processes)
+            except KeyboardInterrupt as error:
+                state = operator.last_state
+                if state is None or State(state.state) in (State.IDLE, *ENDED):
+                    raise
+                raise type(error)(self._recorded(state)) from None
+
+    def _look_on(self, operator: "OperatorNode", processes: Processes) -> NoReturn:
+        missed: dict[str, str] = {}
+        while True:
+            operator.spin_until(lambda: False, LOOK_PERIOD)
+            self._check(operator, processes)
+            ended = processes.ended()
+            for name in ended.keys() - missed.keys():
+                self._tell(RunNews(f"{ended[name]}; the other nodes go on"))
+            missed = ended
 
     @contextmanager
     def _started(self) -> "Iterator[tuple[OperatorNode, Processes]]":
@@ -140,8 +152,8 @@ class MeasuringSession:
         )
         try:
             measured = run.measure(until=self._until)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(self._recorded(operator.last_state)) from None
+        except KeyboardInterrupt as error:
+            raise type(error)(self._recorded(operator.last_state)) from None
         finally:
             if run.run_id:
                 told = run.measured.bag if run.measured else None

@@ -96,9 +96,11 @@ def ending(name: str, code: int, last: str) -> str:
     Args:
         name: of the node.
         code: exit code of its process, below zero for a signal.
-        last: what it said last; empty if nothing.
+        last: the last line of its log; empty if there is none.
     """
-    if last:
+    # A node that is ended by a signal says nothing of it, and [INFO] is not a reason.
+    informs = last.startswith(("[INFO]", "[DEBUG]"))
+    if last and code >= 0 and not informs:
         return f"the {name} node has ended ({exit_words(code)}): {last}"
     if code == -signal.SIGKILL:
         why = "somebody killed it, or the computer ran out of memory (see dmesg)"
@@ -106,7 +108,8 @@ def ending(name: str, code: int, last: str) -> str:
         why = "the signal came from outside or from a crash in a library"
     else:
         why = "start it by hand to see why"
-    return f"the {name} node has ended ({exit_words(code)}) before it said anything: {why}"
+    said = f"its last line was: {last}" if last else "it had not said anything"
+    return f"the {name} node has ended ({exit_words(code)}): {why}; {said}"
 
 
 def is_stopped(stat: str) -> bool:

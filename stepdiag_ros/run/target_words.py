@@ -7,9 +7,7 @@ from stepdiag_ros.text.numbers import in_micro, time_left
 def standing_words(standing: TargetStanding) -> str:
     """Return what is reached and what was asked for: ``U of C0Y 3.1 µrad, target 2 µrad``."""
     reached = in_micro(standing.reached, standing.unit)
-    return (
-        f"U of {standing.quantity} {reached}, target {in_micro(standing.demanded, standing.unit)}"
-    )
+    return f"U of {standing.words} {reached}, target {in_micro(standing.demanded, standing.unit)}"
 
 
 def course_words(standing: TargetStanding) -> str:

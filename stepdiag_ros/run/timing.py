@@ -41,7 +41,10 @@ def effect_on_stops(offset: TimeOffset, settle: float) -> str:
         return (
             f"windows begin {-begin:.3g} s before the machine is in position: the stops are wrong"
         )
-    return f"windows begin {begin:.4g} s after in position instead of {settle:.4g} s"
+    shown, asked = f"{begin:.4g}", f"{settle:.4g}"
+    return f"windows begin {shown} s after in position" + (
+        f" instead of {asked} s" if shown != asked else ""
+    )
 
 
 def worrying(offset: TimeOffset, settle: float) -> bool:
@@ -57,8 +60,9 @@ def in_words(timing: RunTiming) -> str:
     # Two digits of the uncertainty, and no more of the value.
     wide = max(offset.expanded_uncertainty * 1e6, 1e-3)
     digits = min(max(1 - floor(log10(wide)), 0), 3)
+    side = "early" if offset.offset < 0.0 else "late"
     told = (
-        f"readings are stamped {offset.offset * 1e6:.{digits}f} µs late"
+        f"readings are stamped {abs(offset.offset) * 1e6:.{digits}f} µs {side}"
         f" ± {wide:.{digits}f} µs (95 %, {offset.moves} moves)"
     )
     if not isnan(timing.drift) and abs(timing.drift) > 2.0 * timing.drift_uncertainty:

@@ -103,6 +103,12 @@ def test_a_damaged_bag_says_so_instead_of_failing(tmp_path):
     assert "damaged" in info.problem
 
 
+def test_a_folder_without_a_name_is_no_bag(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with refused(BagError, "wrong_kind"):
+        bag_info(".")
+
+
 def test_what_is_no_bag_is_an_error(tmp_path):
     with refused(BagError, "not_found", "a.mcap"):
         bag_info(tmp_path / "a.mcap")

@@ -3,7 +3,10 @@
 import json
 import os
 import pty
+import re
+import select
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +14,9 @@ import pytest
 from refused import refused
 
 from stepdiag_ros.cli import make_parser
-from stepdiag_ros.commands import measure
+from stepdiag_ros.commands import cell, measure
 from stepdiag_ros.commands.measure import _Attendant, _Teller
+from stepdiag_ros.commands.output import progress_bar
 from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.processes.following import RunFailed, RunNews, RunOutcome, _told
 from stepdiag_ros.run.conclusion import Outcome
@@ -168,3 +172,51 @@ def test_the_progress_is_told_in_words(state, text, said):
     told = _told(message, text if state is State.FINISHED else "")
     assert told.text == (said or text)
     assert (told.done, told.total, told.remaining) == (17, 42, 12.5)
+
+
+@contextmanager
+def narrow_screen():
+    """Make standard error a terminal of 60 columns; give what reads the words on it."""
+    screen, shown = pty.openpty()
+
+    def words():
+        raw = b""
+        while select.select([screen], [], [], 0.05)[0]:
+            raw += os.read(screen, 1 << 16)
+        return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]|[━╺╸]", "", raw.decode()).split()
+
+    with os.fdopen(shown, "w") as stderr, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.stderr", stderr)
+        patch.setenv("COLUMNS", "60")
+        patch.setenv("TERM", "xterm")
+        yield words
+    os.close(screen)
+
+
+def test_a_narrow_terminal_shows_the_whole_text_beside_the_bar():
+    waited = "waiting for the alignment for ppp XYZ forward, repeat 0"
+    with narrow_screen() as words:
+        with progress_bar("") as progress:
+            progress(0.1, waited)
+        shown = words()
+    assert set(waited.split()) <= set(shown) and "10%" in shown
+
+
+def test_a_cell_that_is_up_shows_no_bar(monkeypatch, tmp_path):
+    class Up:
+        def __init__(self, *given):
+            self.tell = given[2]
+
+        def keep_up(self, ready):
+            self.tell(RunNews("looking"))
+            ready("")
+            assert "looking" in words()
+            # Long enough for a bar to be drawn again.
+            time.sleep(0.3)
+            self.tell(RunNews("later"))
+
+    monkeypatch.setattr("stepdiag_ros.processes.measure.MeasuringSession", Up)
+    arguments = make_parser().parse_args(["cell", "--plan", "quick", "-o", str(tmp_path)])
+    with narrow_screen() as words:
+        cell.run(arguments)
+        assert words() == ["later"]

@@ -19,6 +19,8 @@ from stepdiag_ros.metrology.solvers.result import NotDeterminable
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.target import Target, TargetState
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.run.target_words import end_words, standing_words
+from stepdiag_ros.text.numbers import in_micro
 
 sys.path.append(str(Path(__file__).parents[1] / "bands"))
 from plausible_machines import ANGLE, draw
@@ -109,6 +111,8 @@ def test_before_the_first_line_the_plan_tells_what_to_expect():
     with_more = outlook(replace(pursuit, target=target_from_text("E_XX=1nm")))
     assert with_more.state is TargetState.BEYOND_PLAN and isnan(with_more.time_left)
     assert 1e-9 < with_more.expected < 1e-6
+    # The quantity is named as people call it.
+    assert pursuit.target.words in standing_words(foretold)
 
 
 def test_a_target_beyond_the_plan_is_never_reached_and_has_a_reason():
@@ -118,6 +122,8 @@ def test_a_target_beyond_the_plan_is_never_reached_and_has_a_reason():
         assert said.state is TargetState.BEYOND_PLAN and isnan(said.time_left)
         assert said.reached > 1e-9 and said.text
     assert said.expected == said.reached
+    # At the end of the plan there is one number, which is told once.
+    assert end_words(said, count).count(in_micro(said.reached, "m")) == 1
 
 
 def test_lines_that_were_not_repeated_end_no_run():

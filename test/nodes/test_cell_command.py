@@ -29,11 +29,11 @@ def started(*arguments):
     return subprocess.Popen([*CLI, "cell", *map(str, arguments)], stderr=subprocess.PIPE, text=True)
 
 
-def ended(cell, nodes):
+def ended(cell, nodes, number=signal.SIGINT, code=130):
     """Interrupt a cell; see that it and all its nodes end."""
-    cell.send_signal(signal.SIGINT)
+    cell.send_signal(number)
     _, said = cell.communicate(timeout=PATIENCE)
-    assert cell.returncode == 130, said
+    assert cell.returncode == code, said
     deadline = time.monotonic() + PATIENCE
     while any(map(is_running, nodes)):
         assert time.monotonic() < deadline, "the cell has left nodes behind"
@@ -115,5 +115,5 @@ def test_the_nodes_of_a_machine_wait_for_a_run_and_end_together(tmp_path):
         assert "diagnosis" in next(line for line in cell.stderr if "SIGKILL" in line)
         assert cell.poll() is None
     finally:
-        ended(cell, nodes)
+        ended(cell, nodes, signal.SIGTERM, -signal.SIGTERM)
     assert [path.parent.name for path in tmp_path.rglob("*.mcap")] == ["bags"]

@@ -20,6 +20,7 @@ from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.nodes import interrupts
+from stepdiag_ros.run.interruption import Terminated
 from stepdiag_ros.run.sequence import Progress, State
 
 EXECUTING, SUCCEEDED, CANCELED, ABORTED = 2, 4, 5, 6
@@ -183,7 +184,7 @@ def test_an_operator_who_is_interrupted_while_a_run_begins_leaves_none(bench, mo
 def test_an_interrupt_waits_until_a_message_is_handled():
     handled = []
     with interrupts.raised():
-        with pytest.raises(KeyboardInterrupt), interrupts.held():
+        with pytest.raises(Terminated), interrupts.held():
             signal.raise_signal(signal.SIGTERM)
             handled.append("message")
         with interrupts.held():

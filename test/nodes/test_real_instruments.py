@@ -220,6 +220,10 @@ def test_a_wrong_setting_is_named_with_its_file(node, tmp_path):
     for given, words in (
         ([f"device_file:={file}"], a_fault("unknown", str(file), "connection", about="sped")),
         ([], a_fault("missing", "device_file", about="url")),
+        (
+            ["device:=line_protocoll", f"device_file:={file}"],
+            a_fault("unknown", "line_protocol", about="device"),
+        ),
     ):
         parameters = [word for one in ["device:=line_protocol", *given] for word in ("-p", one)]
         rclpy.init(args=["--ros-args", *parameters])

@@ -78,6 +78,13 @@ def test_a_wrong_number_is_refused_and_the_right_way_to_write_it_said(value, say
     assert Declaration("t", 1.0, "a time", "s", 0.5, 9.0).refusal(value) == says
 
 
+@pytest.mark.parametrize("default", [0.0, 0.02])
+def test_the_number_that_is_given_as_an_example_would_be_taken(default):
+    one = Declaration("tolerance", default, "a tolerance", "m", 0.0, 0.1)
+    example = re.search("such as ([0-9.]+),", one.refusal("abc"))[1]
+    assert float(example) > 0.0 and one.refusal(float(example)) == ""
+
+
 COUNT = Declaration("n", 1, "a count", low=0, high=9)
 TEXT = Declaration("t", "", "a text")
 SWITCH = Declaration("b", False, "a switch")

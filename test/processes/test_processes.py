@@ -4,7 +4,9 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 from domains import own_domain
@@ -12,11 +14,14 @@ from patience import PATIENCE
 from refused import refused
 
 import stepdiag_ros
-from stepdiag_ros.processes import measure
+from stepdiag_ros.processes import joining, measure
 from stepdiag_ros.processes.following import RunFailed
 from stepdiag_ros.processes.graph import in_graph
+from stepdiag_ros.processes.joining import JoinedRun
 from stepdiag_ros.processes.measure import MeasuringSession
-from stepdiag_ros.processes.node_process import NodeProcess, Processes, environment
+from stepdiag_ros.processes.node_process import NodeProcess, Processes, ending, environment
+from stepdiag_ros.run.interruption import Terminated
+from stepdiag_ros.run.sequence import State
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 always looks where it stands")
@@ -73,6 +78,22 @@ def test_a_lost_node_of_a_cell_is_told_with_the_bag_of_the_run_and_its_lines(tmp
         session._check(operator, lost)
 
 
+@pytest.mark.parametrize("code", [-signal.SIGKILL, -signal.SIGSEGV, 3])
+@pytest.mark.parametrize("last", ["", "[INFO] [17.5] [cnc_bridge]: controller: active"])
+def test_what_a_node_reported_in_health_is_not_given_as_why_it_ended(code, last):
+    said = ending("bridge", code, last)
+    assert last in said and not said.endswith(f"): {last}")
+    # What may be done then is there as well.
+    assert len(said) > len(last) + len("the bridge node has ended (exit code 3): ")
+
+
+def test_a_node_that_says_why_it_ends_is_quoted():
+    why = "no device at 'ttyUSB7' (see logs/bridge.log)"
+    assert ending("bridge", 1, why).endswith(f"): {why}")
+    # It was killed afterwards, so this is not why.
+    assert not ending("bridge", -signal.SIGKILL, why).endswith(f"): {why}")
+
+
 def test_whoever_looks_in_a_wrong_namespace_learns_the_right_one():
     from stepdiag_ros.nodes.base import StepdiagNode
 
@@ -123,3 +144,49 @@ def test_a_stopped_run_says_how_many_lines_are_in_which_bag(tmp_path, monkeypatc
         session._measure(SimpleNamespace(last_state=state), SimpleNamespace())
     assert session.bag == bag
     assert all(word in str(stopped.value) for word in ("3", "7", str(bag)))
+
+
+def joined(monkeypatch, error, run_id=""):
+    """Return what a client says whose run on the nodes of others ends with an error."""
+    ended = SimpleNamespace(run_id=run_id, measured=None, measure=Mock(side_effect=error))
+    monkeypatch.setattr(joining, "FollowedRun", lambda *_: ended)
+    monkeypatch.setattr(joining, "_wait_for_sequencer", lambda *_: None)
+    monkeypatch.setattr("stepdiag_ros.nodes.operator.OperatorNode", Mock)
+    with pytest.raises(type(error)) as raised, own_domain():
+        JoinedRun("", lambda _: None, lambda *_: False).measure("")
+    return str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "error", [KeyboardInterrupt(), Terminated(), RunFailed("the sequencer is gone")]
+)
+def test_whoever_leaves_a_run_behind_learns_its_bag(monkeypatch, error):
+    run_id = "20260203T040506Z-a"
+    assert f"{run_id}.mcap" in joined(monkeypatch, error, run_id)
+    assert ".mcap" not in joined(monkeypatch, error)
+
+
+def test_whoever_stops_before_a_run_has_begun_is_told_so(monkeypatch):
+    def interrupted(*_):
+        raise Terminated
+
+    monkeypatch.setattr(joining, "_wait_for_sequencer", interrupted)
+    with pytest.raises(Terminated) as raised, own_domain():
+        JoinedRun("", lambda _: None, lambda *_: False).measure("")
+    assert "no run" in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("state", "named"), [(State.RUNNING, True), (State.FINISHED, False), (State.IDLE, False)]
+)
+def test_a_cell_that_is_ended_in_a_run_names_its_bag(tmp_path, monkeypatch, state, named):
+    session = MeasuringSession([], tmp_path, lambda _: None)
+    bag = tmp_path / "20260203T040506Z-a.mcap"
+    bag.touch()
+    told = SimpleNamespace(run_id=bag.stem, state=state, line_index=3, line_count=7)
+    operator = SimpleNamespace(last_state=told, spin_until=Mock(side_effect=Terminated))
+    monkeypatch.setattr(session, "_started", lambda: nullcontext((operator, None)))
+    monkeypatch.setattr(session, "_wait_for_nodes", lambda *_: "")
+    with pytest.raises(Terminated) as raised:
+        session.keep_up(lambda _: None)
+    assert (str(bag) in str(raised.value)) == named

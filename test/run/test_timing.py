@@ -109,6 +109,8 @@ def test_words_have_the_digits_that_the_uncertainty_bears():
     good = TimeOffset(START, 0.0012345678, 2.6e-6, 30, 31)
     told = in_words(run_timing([good]))
     assert told == "readings are stamped 1234.6 µs late ± 5.3 µs (95 %, 31 moves)"
+    early = in_words(run_timing([TimeOffset(START, -0.2e-6, 1e-6, 30, 31)]))
+    assert "0.2 µs early" in early and "-" not in early and "late" not in early
     lines = [TimeOffset(START + k * 10**12, 1e-3 + 1e-4 * k, 1e-6, 9, 10) for k in range(4)]
     assert "+360 µs/h" in in_words(run_timing(lines))
     several = TimeOffset(START, 0.0, 1e-6, 9, 10, others=(0.8,))
@@ -124,6 +126,8 @@ def test_what_an_offset_does_to_stops():
     early = TimeOffset(START, -0.3, 1e-6, 9, 10)
     assert effect_on_stops(early, 0.2) == "windows begin 0.5 s after in position instead of 0.2 s"
     assert not worrying(early, 0.2)
+    # What rounds to the time that was asked for is said once.
+    assert effect_on_stops(TimeOffset(START, -0.2e-6, 1e-6, 9, 10), 0.1).count("0.1 s") == 1
     assert effect_on_stops(TimeOffset(reason="no"), 0.2) == "not known: no"
 
 

@@ -65,8 +65,13 @@ class JointAxes:
         x, y, z = (_joints(section, axis) for axis in AXES)
         section.finish()
         made = cls((x, y, z))
-        if len(set(made.names)) < len(made.names):
-            raise Refusal(f"{section.source}: a joint moves two axes", fault="ambiguous")
+        twice = next((name for name in made.names if made.names.count(name) > 1), "")
+        if twice:
+            raise Refusal(
+                f"{section.source}: joint '{twice}' is named twice; a joint moves one axis",
+                fault="twice",
+                about=twice,
+            )
         return made
 
     @property

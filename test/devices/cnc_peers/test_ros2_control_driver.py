@@ -133,7 +133,11 @@ def test_a_machine_file_beyond_the_robot_is_refused():
         ({"controller": "gantry_controller"}, a_fault("malformed", about="controller")),
         ({"joints": {"X": [{"name": "x"}]}}, a_fault("missing", about="Y")),
         ({"joints": {"X": [], "Y": [], "Z": []}}, a_fault("malformed", about="X")),
-        ({"joints": {a: [{"name": "x"}] for a in "XYZ"}}, a_fault("ambiguous")),
+        ({"joints": {a: [{"name": "x"}] for a in "XYZ"}}, a_fault("twice", about="x")),
+        (
+            {"joints": {a: [{"name": a.lower()}] * (1 + (a == "Y")) for a in "XYZ"}},
+            a_fault("twice", about="y"),
+        ),
         (
             {"joints": {a: [{"name": f"{a}{n}"} for n in "123"] for a in "XYZ"}},
             a_fault("too_many"),
