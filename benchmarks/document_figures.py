@@ -267,7 +267,8 @@ def main() -> int:
         text = figure.make()
         same = all(alike(found, text) for found in texts(figure))
         old += not same
-        print(f"{figure.document}, {name}: {'as computed' if same else 'of an older state'}")
+        how = "as computed" if same else "renewed" if arguments.write else "of an older state"
+        print(f"{figure.document}, {name}: {how}")
         if arguments.write and not same:
             write(figure, text)
         elif not same:

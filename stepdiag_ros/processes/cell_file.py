@@ -6,7 +6,6 @@ with its defaults; on a machine that could be a simulated device in place of a r
 
 from collections.abc import Iterable
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from stepdiag_ros.devices import Kind, Surroundings, known_drivers, prepare
 from stepdiag_ros.devices.cnc.joint_controller import ControllerNames, JointController
 from stepdiag_ros.embedded.arguments import load_parameter_file, matches
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
+from stepdiag_ros.metrology.spelling import nearest
 from stepdiag_ros.parameters.declaration import DeclaredNode
 from stepdiag_ros.parameters.nodes import NODES
 from stepdiag_ros.run.accord import SIMULATED
@@ -128,8 +128,8 @@ def _check_driver(kind: Kind, node: DeclaredNode, given: dict[str, Any]) -> None
     driver = given[DEVICE]
     known = known_drivers(kind)
     if driver not in known:
-        near = get_close_matches(driver, known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        near = nearest(driver, known)
+        hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
         raise Refusal(
             f"'{DEVICE}' of {node.name}: there is no {kind} driver '{driver}'; {hint}",
             fault="unknown",
@@ -175,7 +175,7 @@ def _check_machines(given: dict[str, dict[str, Any]]) -> None:
 
 def _no_node(pattern: str, names: Iterable[str]) -> str:
     plain = pattern.rpartition("/")[2]
-    near = get_close_matches(plain, [name.rpartition("/")[2] for name in names], n=1)
-    hint = f"did you mean {near[0]}?" if near and near[0] != plain else ""
+    near = nearest(plain, [name.rpartition("/")[2] for name in names])
+    hint = f"did you mean {near}?" if near and near != plain else ""
     there = f"the nodes are {', '.join(f'/{name}' for name in sorted(names))}"
     return f"'{pattern}' is not a node; {hint or there}"

@@ -99,13 +99,29 @@ class MeasuringSession:
 
     def _look_on(self, operator: "OperatorNode", processes: Processes) -> NoReturn:
         missed: dict[str, str] = {}
+        shown = ("", State.IDLE)
         while True:
             operator.spin_until(lambda: False, LOOK_PERIOD)
             self._check(operator, processes)
+            shown = self._tell_of_runs(operator.last_state, *shown)
             ended = processes.ended()
             for name in ended.keys() - missed.keys():
                 self._tell(RunNews(f"{ended[name]}; the other nodes go on"))
             missed = ended
+
+    def _tell_of_runs(self, state: Any, run_id: str, before: State) -> tuple[str, State]:
+        """Say that a run has begun, stands or has ended, and return which and its state.
+
+        Any program of the ROS domain may start one: who keeps the cell must see it.
+        """
+        if state is None or not state.run_id:
+            return run_id, before
+        now = State(state.state)
+        if state.run_id != run_id:
+            self._tell(RunNews(f"run {state.run_id} was started"))
+        if now is not before and now not in (State.IDLE, State.RUNNING):
+            self._tell(RunNews(f"run {state.run_id}: {state.text}"))
+        return state.run_id, now
 
     @contextmanager
     def _started(self) -> "Iterator[tuple[OperatorNode, Processes]]":

@@ -218,7 +218,7 @@ def checked_name(name: str, known: Collection[str]) -> str:
     module = re.sub("[ -]", "_", name)
     if module.replace("_", " ") in {re.sub("[ _-]", " ", one.lower()) for one in known}:
         raise Refusal(
-            f"'{name}' is the name of an effect that is there already; choose another one",
+            f"'{name}' is the name of an existing effect; choose another one",
             fault="twice",
             about="name",
         )

@@ -32,7 +32,7 @@ class PlainConsole(Console):
             else:
                 for part in one.folded(self.text_width - _EDGES):
                     width = max(self.text_width, part.least_width + _EDGES)
-                    super().print(_laid_out(part), width=width, **options)
+                    super().print(_laid_out(part), **{"width": width, **options})
 
     def sentence(self, text: str, indent: str = "") -> None:
         """Print a text, broken into lines where the terminal is narrow.

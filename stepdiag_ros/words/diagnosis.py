@@ -17,6 +17,8 @@ from stepdiag_ros.text.numbers import UNKNOWN, with_uncertainty
 
 _SMALL = 0.01
 """A number without unit that is plausible up to this is relative: it is read in µm/m."""
+_TINY = 1e-4
+"""U that is smaller in a unit is written in another one."""
 _PER_HOUR, _PER_HECTOPASCAL = 3600.0, 100.0
 _READABLE = {
     "1/K": ("µm/(m K)", IN_MICRO),
@@ -61,11 +63,19 @@ def readable_unit(unit: str) -> tuple[str, float]:
     return ("", 1.0) if unit == "1" else (unit, 1.0)
 
 
+def _prefixed(unit: str, factor: float, half: float) -> tuple[str, float]:
+    """Return a unit with a smaller prefix, and its factor, where U would be tiny in it."""
+    if not unit.startswith("µ") or not 0.0 < half * factor < _TINY:
+        return unit, factor
+    steps = next((n for n in (1, 2) if half * factor * 1e3**n >= _TINY), 3)
+    return f"{'npf'[steps - 1]}{unit[1:]}", factor * 1e3**steps
+
+
 def size_words(finding: Finding, size: Size) -> str:
     """Write a size with its 95 % coverage interval, for example ``0.800 ± 0.021 µm``."""
-    unit, factor = readable(size)
     value = finding.sizes[size.name]
     low, high = finding.band[size.name]
+    unit, factor = _prefixed(*readable(size), 0.5 * (high - low))
     half = 0.5 * (high - low) * factor
     if not math.isfinite(half) or half <= 0.0:
         return f"{value * factor:.4g} {unit} ± {UNKNOWN}".rstrip()

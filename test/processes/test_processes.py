@@ -190,3 +190,31 @@ def test_a_cell_that_is_ended_in_a_run_names_its_bag(tmp_path, monkeypatch, stat
     with pytest.raises(Terminated) as raised:
         session.keep_up(lambda _: None)
     assert (str(bag) in str(raised.value)) == named
+
+
+def test_who_keeps_a_cell_sees_each_run_that_somebody_starts(tmp_path):
+    told, states = [], iter(
+        [
+            None,
+            *(SimpleNamespace(run_id="one", state=state, text=state.name) for state in
+              (State.IDLE, State.RUNNING, State.RUNNING, State.PAUSED, State.RUNNING)),
+            *(SimpleNamespace(run_id="one", state=State.ABORTED, text="why"),) * 2,
+            SimpleNamespace(run_id="two", state=State.RUNNING, text=""),
+        ]
+    )  # fmt: skip
+    session = MeasuringSession([], tmp_path, lambda news: told.append(news.text))
+    operator = SimpleNamespace(last_state=None)
+
+    def spin(*_):
+        try:
+            operator.last_state = next(states)
+        except StopIteration:
+            raise Terminated from None
+
+    operator.spin_until = spin
+    processes = SimpleNamespace(ended=dict, stopped=dict)
+    with pytest.raises(Terminated):
+        session._look_on(operator, processes)
+    assert len(told) == 4
+    assert [text.split()[1].rstrip(":") for text in told] == ["one", "one", "one", "two"]
+    assert "PAUSED" in told[1] and "why" in told[2]

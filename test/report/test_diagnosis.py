@@ -379,6 +379,21 @@ def test_small_print_of_numbers():
     assert size_words(unknown, EFFECT.sizes[0]) == "0.8123 µm ± unknown"
 
 
+@pytest.mark.parametrize(
+    ("unit", "value", "half", "words"),
+    [
+        ("m/s2", 3.011e-12, 0.041e-12, "3.011 ± 0.041 pm/s2"),
+        ("m", 3e-6, 2e-8, "3.000 ± 0.020 µm"),
+        ("m", 3e-6, 2e-11, "3000.000 ± 0.020 nm"),
+        ("rad/m2", 3e-19, 2e-20, "0.000300 ± 0.000020 frad/m2"),
+    ],
+)
+def test_a_size_in_an_unusual_unit_is_not_a_row_of_zeros(unit, value, half, words):
+    band = {"lost_motion": (value - half, value + half)}
+    found = replace(FOUND, sizes={"lost_motion": value}, band=band)
+    assert size_words(found, Size("lost_motion", unit, -1.0, 1.0, "")) == words
+
+
 def test_the_bag_is_told_by_name_only_on_the_page():
     report = _report(_diagnosis(CONSISTENT), bag=Path("/somewhere/secret/run.mcap"))
     page = diagnosis_page(report, {})

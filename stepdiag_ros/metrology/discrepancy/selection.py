@@ -346,7 +346,7 @@ class Selection:
             words += f", with {more} more free value{'s' if more > 1 else ''}"
         if rival * EVIDENCE_RATIO > best:
             return f"{words}: odds 1 to {best / rival:.2g}, too close to rule out"
-        odds = f"1 to {best / rival:.2g}" if rival > best * 1e-9 else "none to speak of"
+        odds = f"1 to {best / rival:.2g}" if rival > best * 1e-9 else "below 1 to 1e9"
         return f"{words}: odds {odds}"
 
 

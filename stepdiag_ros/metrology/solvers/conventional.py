@@ -30,6 +30,15 @@ NOMINAL_BEAMS = (
 def solve_conventional(measurement: Measurement) -> VolumetricErrors:
     """Solve IH eq. (2) block by block with the nominal beam directions of eq. (3).
 
+    For each block and each moved axis j with step a_j, the unknown is the change Δε_j of the error
+    vector, (3,). Diagonal d (ppp, npp, pnp), whose beam has the direction e_d and whose moves have
+    the signs s_d, reads the displacement r_dj of its move of axis j. Its error is::
+
+        s_dj (e_d · Δε_j) = r_dj - a_j s_dj e_dj        d = ppp, npp, pnp
+
+    with e_d = (s_dx a_x, s_dy a_y, s_dz a_z) / ‖a‖: three equations for three unknowns. The curves
+    are the sums of Δε_j over the blocks.
+
     It is right only if beam and mirror stand exactly as they should: an error of the setup goes
     into every curve multiplied by ‖a‖/(2a) (IH section 3.1). Kept because the field uses it, and to
     show what it does. The uncertainties contain the tilts that least squares finds in the same
