@@ -57,7 +57,7 @@ def plan(
     """
     if plan.tracker is not None:
         return _tracked(plan, title, stamp, axes)
-    box = (np.array(plan.volume.origin), _far_corner(plan))
+    box: tuple[Vector, Vector] = (np.array(plan.volume.origin), _far_corner(plan))
     outer = box if machine is None else _outer(box, machine)
     kinds: dict[str, list[Line]] = {}
     for line in plan.lines:

@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import VERMILION, Sheet
-from stepdiag_ros.text.numbers import plain, with_expanded
+from stepdiag_ros.text.numbers import plain, two_digits, with_expanded
 
 _SHARE = 0.3
 """The arrow is drawn as this share of the box's longest side."""
@@ -78,7 +78,11 @@ def worst_error(
         heading,
         under=[f"at {where} mm"] if title is None else [],
         legend=False,
-        small_print=[f"Walls: longest error vector in front. {method_title(result.method)}."],
+        small_print=[
+            "Colour of a wall: largest error on the line perpendicular to it.",
+            f"Arrow: enlarged {two_digits(_enlarged(worst, low, high))} times."
+            f" {method_title(result.method)}.",
+        ],
         stamp=stamp,
     )
     if axes is None:
@@ -134,6 +138,11 @@ def _spread(nodes: Vector) -> Vector:
     return chosen
 
 
+def _enlarged(worst: VolumetricAccuracy, low: Vector, high: Vector) -> float:
+    """Return how many times longer than to the scale of the box the error vector is drawn."""
+    return _SHARE * float(np.max(high - low)) / worst.value
+
+
 def _arrow(panel: Axes, worst: VolumetricAccuracy, low: Vector, high: Vector) -> None:
     """Draw the error vector at its place, and the way from the place to each wall."""
     place, vector = np.asarray(worst.position), np.asarray(worst.vector)
@@ -146,7 +155,7 @@ def _arrow(panel: Axes, worst: VolumetricAccuracy, low: Vector, high: Vector) ->
     add_wires(panel, ways, colors="0.3", linewidths=0.9, linestyles=":")
     feet = project(np.stack([way[1] for way in ways]))
     panel.plot(*feet.T, marker="s", markersize=3.5, color="0.3", linestyle="none")
-    end = place + _SHARE * float(np.max(high - low)) / worst.value * vector
+    end = place + _enlarged(worst, low, high) * vector
     start, tip = project(place), project(end)
     panel.annotate(
         "",

@@ -1,6 +1,9 @@
 """The picture of the worst place: the arrow stands where the result says, and so do the walls."""
 
+import re
+
 import numpy as np
+import pytest
 from results_by_hand import make_result, with_unknown
 
 from stepdiag_ros import plots
@@ -22,6 +25,10 @@ def test_the_arrow_begins_at_the_worst_place_and_points_along_the_error():
     np.testing.assert_allclose(
         along / np.linalg.norm(along), expected / np.linalg.norm(expected), atol=1e-9
     )
+    # How much longer it is than to scale is said below.
+    said = " ".join(text.get_text() for text in panel.figure.texts)
+    told = float(re.search(r"([\d,]+) times", said)[1].replace(",", ""))
+    assert told == pytest.approx(np.linalg.norm(along) / np.linalg.norm(expected), rel=0.05)
 
 
 def test_each_wall_shows_the_longest_error_in_front_of_it():
