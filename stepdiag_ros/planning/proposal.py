@@ -67,6 +67,13 @@ class PlanProposal:
     considered: int
     discarded: tuple[str, ...]
 
+    @property
+    def figure(self) -> str:
+        """Return the quantity whose uncertainty counts, in words."""
+        purpose, wished = PURPOSES[self.request.purpose], tuple(self.request.until)
+        alone = len(wished) == 1 and wished[0] in purpose.needed[:-1]
+        return wished[0] if alone else purpose.target
+
 
 def propose(request: Request) -> PlanProposal:
     """Seek the plan for a request.
@@ -103,12 +110,14 @@ def _by_exchange(request: Request, purpose: PlanPurpose) -> PlanProposal:
         fit += _within(search, request.time_limit)
     chosen, reason = _choose(fit, request, purpose, search.considered)
     if chosen in front:
-        chosen = search.candidate(*search.front[front.index(chosen)], final=True)
+        number = front.index(chosen)
+        chosen = front[number] = search.candidate(*search.front[number], final=True)
     return PlanProposal(
         request=request,
         chosen=chosen,
         reason=reason,
-        front=tuple(front),
+        # The search does not count the ways from line to line, which may turn round two plans.
+        front=_front([*front, chosen]),
         considered=search.considered,
         discarded=tuple(f"{words}: {why}" for words, why in search.discarded.items()),
     )

@@ -15,6 +15,7 @@ def frontier(
     chosen: tuple[float, float],
     unit: str,
     *,
+    small_print: Sequence[str] = ("U: expected expanded uncertainty (95 %) of the plans.",),
     title: str | None = None,
     stamp: str = "",
     axes: Any = None,
@@ -25,6 +26,7 @@ def frontier(
         plans: duration, s, and expanded uncertainty, m or rad, of each plan, by duration.
         chosen: the same of the plan that is proposed.
         unit: of the uncertainties, ``m`` or ``rad``.
+        small_print: sentences below: of what the uncertainties are, and why this plan is proposed.
         title: heading; None: one that says what is shown; empty: none.
         stamp: what the figure was made from.
         axes: to draw in instead of a new figure.
@@ -45,7 +47,5 @@ def frontier(
     )
     panel.set_ylim(bottom=0.0)
     scales(panel, "duration with alignments / min", f"U / {'µm' if unit == 'm' else '(µm/m)'}")
-    heading = "What each further minute buys" if title is None else title
-    return sheet.finish(
-        heading, small_print=["Expected expanded uncertainty (95 %) of the plans."], stamp=stamp
-    )
+    heading = "Expected uncertainty against duration" if title is None else title
+    return sheet.finish(heading, small_print=small_print, stamp=stamp)

@@ -36,6 +36,10 @@ def frontier_bytes(proposal: PlanProposal, path: Path) -> bytes:
             [(one.duration.total, one.uncertainty) for one in front],
             (chosen.duration.total, chosen.uncertainty),
             PURPOSES[proposal.request.purpose].unit,
+            small_print=(
+                f"U: expected expanded uncertainty (95 %) of {proposal.figure}.",
+                f"Proposed: {proposal.reason}.",
+            ),
         ),
         path,
     )

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -213,6 +214,18 @@ def test_the_angular_promise_is_that_of_the_rigid_body_solver():
         else:
             assert not math.isfinite(promised)
             assert np.any(np.isnan(given))
+
+
+@pytest.mark.parametrize("wish", [{}, {"time_limit": 2.0 * 3600.0}], ids=str)
+def test_every_plan_of_the_frontier_takes_longer_and_is_better_than_the_one_before(wish):
+    proposal = proposed("volumetric", **wish)
+    for quick, slow in pairwise(proposal.front):
+        assert quick.duration.total < slow.duration.total
+        assert quick.uncertainty > slow.uncertainty
+    # The proposed plan is there once, not beside the same lines in another order.
+    for one in proposal.front:
+        if one is not proposal.chosen:
+            assert sorted(map(str, one.plan.lines)) != sorted(map(str, proposal.chosen.plan.lines))
 
 
 def test_a_wished_uncertainty_is_reached_by_the_shortest_plan_that_reaches_it():

@@ -133,7 +133,7 @@ def alternatives_table(proposal: PlanProposal) -> Table:
         " buys",
         *("lines", "blocks", "repeats", "align", "duration", "U", "each minute"),
     )
-    shown = [one for one in proposal.front if one.plan != proposal.chosen.plan]
+    shown = [one for one in proposal.front if one is not proposal.chosen]
     before: PlanCandidate | None = None
     for one in sorted((*shown, proposal.chosen), key=lambda one: one.duration.total):
         mark = "  <- chosen" if one is proposal.chosen else ""
@@ -195,10 +195,9 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
                 f" with pitch, yaw and roll of {_microradians(assessment)} (rotations, as in the"
                 " machine file or its default), as far as these lines do not determine them"
             )
-        of = next(iter(proposal.request.until), "") if len(proposal.request.until) == 1 else ""
-        figure = of if of in purpose.needed[:-1] else purpose.target
         sentences.append(
-            f"For {purpose.words}: expected uncertainty (95 %) of {figure} {expected}"
+            f"For {purpose.words}: expected uncertainty (95 %) of {proposal.figure}"
+            f" {expected}"
             f"{about}. This plan is {proposal.reason}."
         )
         if chosen.limited:
