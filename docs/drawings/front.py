@@ -58,7 +58,9 @@ def draw_gap(figure: Figure, report: DiagnosisReport) -> None:
     low, high = mesh.get_clim()
     scale = figure.add_axes((6.62 / WIDTH, 2.85 / HEIGHT, 0.12 / WIDTH, 1.9 / HEIGHT))
     bar = figure.colorbar(mesh, cax=scale, extend="both", ticks=[low, 0.0, high])
-    bar.ax.set_yticklabels([f"{value:.1f}" for value in (low, 0.0, high)], fontsize=7.5)
+    # With the minus of the scales beside it.
+    labels = [f"{value:.1f}".replace("-", "−") for value in (low, 0.0, high)]
+    bar.ax.set_yticklabels(labels, fontsize=7.5)
     bar.set_label("gap / µm", fontsize=8.0)
 
 
@@ -100,7 +102,7 @@ def main(bag: Path) -> int:
     heading(
         figure,
         5.25,
-        "Measured minus modelled at every stop, before and after backlash of X is named",
+        "Gap map (measured minus modelled), before and after the diagnosis names backlash of X",
     )
     draw_gap(figure, report)
     heading(figure, 2.22, "Error curves of the same run, before and after")

@@ -149,6 +149,7 @@ COMMAND = Command(
     "  stepdiag cell --tolerance 10             with a verdict on conformity\n"
     "  stepdiag cell --parameters cell.yaml     the nodes of a machine\n"
     "  stepdiag cell --archive /data/machines   and each bag into an archive\n"
-    "Each simulated cell needs a ROS domain of its own, also in a namespace, because all simulated"
-    " cells of a domain\nwould share /clock. A machine may share its domain with one of them.",
+    "\nEach simulated cell needs a ROS domain of its own, also in a namespace, because all"
+    " simulated cells of a domain would share /clock. A machine may share its domain with one of"
+    " them.",
 )

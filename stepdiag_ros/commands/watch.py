@@ -19,6 +19,7 @@ from stepdiag_ros.commands.onlooking import (
     refuse_what_does_not_fit,
     ros_arguments,
 )
+from stepdiag_ros.commands.output import say
 
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.onlooker import ViewerNode
@@ -113,6 +114,9 @@ def _replay(arguments: Namespace) -> int:
 
 
 def _live(arguments: Namespace) -> int:
+    if sys.stderr.isatty():
+        # On a busy computer, many seconds pass before anything can be drawn.
+        say("looking for the nodes")
     from stepdiag_ros.nodes.base import spin
     from stepdiag_ros.nodes.onlooker import ViewerNode
     from stepdiag_ros.viewers.page.state import PageState

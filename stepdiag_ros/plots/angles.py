@@ -48,6 +48,14 @@ _LEANS_TO_MINUS = {"C0Y": 1.0, "B0Z": -1.0, "A0Z": 1.0}
 _DRAWN_ANGLE = np.radians(14.0)
 _WIDEST_DRAWN = np.radians(75.0)
 """To which an interval is cut off, on either side."""
+_WHY_NOT_DRAWN = (
+    "Not drawn: a method that takes the alignment of laser and mirror as perfect; its angles"
+    " contain the errors of the alignment."
+)
+_WHAT_IS_TRUE = (
+    "Truth: angles between straight lines fitted to the true motions: those of the cell file plus"
+    " the slopes of its curves."
+)
 _ROW_OF_WORDS = 0.12
 """Height of a row of numbers below a drawing, inches."""
 
@@ -65,7 +73,7 @@ def squareness(
     """Draw the three squareness errors with their sign, the angles greatly exaggerated.
 
     The result of a method that takes the setup as perfect is given in figures but, beside others,
-    not drawn: its setup errors would hide the rest.
+    not drawn: it contains the errors of the setup, which may hide the rest.
 
     Args:
         results: of one method or of several.
@@ -111,13 +119,12 @@ def squareness(
     heading = f"Squareness, angles drawn {factor} times larger"
     under = [f"sign of the figures: {SIGN_DEFINITIONS[definition]}"] if numbers else []
     said = ["A shaded angle is the interval of ± U (95 %)."]
+    if numbers and len(drawn) < len(given):
+        said.append(_WHY_NOT_DRAWN)
     if title != "":
         said += frame_sentences(drawn)
     if truth is not None:
-        said.append(
-            "Truth: of the least-squares lines through the true curves, so with the slopes of"
-            " these beside the angles of the cell file."
-        )
+        said.append(_WHAT_IS_TRUE)
     if title is not None:
         said = [f"Angles drawn {factor} times larger.", *said]
     return sheet.finish(

@@ -14,8 +14,9 @@ from stepdiag_ros.metrology.units import IN_MICRO
 UNKNOWN = "unknown"
 
 
-OF_READINGS = "± of the readings"
-"""In the head of tables whose ± hold the scatter of the readings alone, not the whole budget."""
+WITHOUT_BUDGET = "± without the budget"
+"""In the head of tables whose ± are those of the method: of the readings, of rotations that they
+leave open and of the laser's scale, not of the whole uncertainty budget."""
 
 ARC_SECONDS = 180.0 * 3600.0 / math.pi
 """Radians to arc-seconds."""

@@ -179,6 +179,8 @@ def test_the_conventional_squareness_is_told_and_not_drawn(report):
         said = "\n".join(words_in(axes))
         assert "Conventional: 12.35 ± 0.49 µm/m (not drawn)" in said
         assert "Least squares: 12.35 ± 0.49 µm/m" in said
+    # The reason stands below.
+    assert sum("not drawn" in text.get_text().lower() for text in figure.texts) == 1
     bare = plots.squareness(report.ordered_results(), numbers=False, title="")
     assert not any("µm/m" in word for axes in bare.axes for word in words_in(axes))
     assert any("times larger" in text.get_text() for text in bare.texts)

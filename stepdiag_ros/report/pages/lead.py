@@ -16,7 +16,13 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
 from stepdiag_ros.report.tables.diagnosis import rivals_words
-from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, with_expanded, with_uncertainty
+from stepdiag_ros.text.numbers import (
+    UNKNOWN,
+    WITHOUT_BUDGET,
+    plain,
+    with_expanded,
+    with_uncertainty,
+)
 from stepdiag_ros.words.budget import LOWERED_BY
 from stepdiag_ros.words.diagnosis import sizes_words
 from stepdiag_ros.words.lead import missing_words, sentences_of
@@ -181,7 +187,7 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
 def _basis(material: Material) -> str:
     """Say what the ± hold."""
     if not any(math.isfinite(one.value) for one in material.single_errors):
-        return "The ± in the sections are those of the readings."
+        return "The ± in the sections are those without the uncertainty budget."
     known = material.given.instrument_source
     budget = "the uncertainty budget"
     if not known:
@@ -203,7 +209,7 @@ def _basis(material: Material) -> str:
         for one in (material.expanded_of_readings, material.expanded_of_budget)
     )
     return (
-        f"Each ± on this page and the next is the larger of two. Tables headed '{OF_READINGS}',"
+        f"Each ± on this page and the next is the larger of two. Tables headed '{WITHOUT_BUDGET}',"
         " stepdiag solve and stepdiag volumetric have the first: of the readings, of the laser's"
         " scale and of pitch, yaw and roll as far as the readings of this run leave them open"
         f"{narrow}. The second is U of {budget}{wide}: it takes pitch, yaw and roll in their whole"

@@ -23,7 +23,7 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.metrology.visibility import DETERMINED, VerdictRow, Visibility
 from stepdiag_ros.text.console import PlainConsole
-from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.numbers import ARC_SECONDS, UNKNOWN, WITHOUT_BUDGET, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.lead import from_here, next_lines, sentences_of
 from stepdiag_ros.words.squareness import (
@@ -58,7 +58,7 @@ def squareness_table(report: Report, definition: SignDefinition) -> Table:
     columns = [short_title(result.method) for result in results]
     if report.truth is not None:
         columns.append("Truth")
-    table = new_table(f"Squareness, {OF_READINGS}", "", "unit", *columns)
+    table = new_table(f"Squareness, {WITHOUT_BUDGET}", "", "unit", *columns)
     for name in SQUARENESS:
         reference, other = AXES_OF[name]
         for number, (unit, scale) in enumerate((("µm/m", IN_MICRO), ("arcsec", ARC_SECONDS))):
@@ -100,7 +100,7 @@ def figure_table(report: Report, prefix: str, title: str, only_known: bool = Fal
     columns = [short_title(result.method) for result in results]
     if report.truth is not None:
         columns.append("Truth")
-    table = new_table(f"{title}, {OF_READINGS}", "", "unit", *columns)
+    table = new_table(f"{title}, {WITHOUT_BUDGET}", "", "unit", *columns)
     for name in names:
         cells = []
         unit = "µm"

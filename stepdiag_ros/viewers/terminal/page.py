@@ -95,8 +95,10 @@ class ScreenPage:
     def _narrow(
         self, documents: dict[str, Document], heading: Heading, width: int, height: int | None
     ) -> Lines:
+        run = documents["run"]
         parts = [
             Text(f"{heading.source}, {heading.time}"),
+            *([titled(_named(run))] if run["run_id"] else []),
             *sections.run_lines(documents["run"], documents["progress"], self._signs),
             *sections.fault_lines(documents["faults"]),
             *self._left(documents, width),
@@ -107,10 +109,7 @@ class ScreenPage:
 
     def _heading(self, run: Document, heading: Heading, width: int) -> Text:
         right = f"{heading.source}  {heading.time}"
-        told = "stepdiag watch"
-        if run["run_id"]:
-            simulated = ", simulated" if run["simulated"] else ""
-            told = f"{run['run_id']}{simulated}  {run['plan']}"
+        told = _named(run) if run["run_id"] else "stepdiag watch"
         left = self._clipped(titled(told), max(0, width - len(right) - len(_GAP)))
         left.pad_right(max(0, width - len(right) - left.cell_len))
         return self._clipped(left.append(right), width)
@@ -212,3 +211,9 @@ class ScreenPage:
             return rows
         said = f"too small: all is shown in {LEAST_WIDTH} x {LEAST_HEIGHT}"
         return [*rows[: height - 1], self._clipped(titled(said), width)]
+
+
+def _named(run: Document) -> str:
+    """Return which run of which plan is shown."""
+    simulated = ", simulated" if run["simulated"] else ""
+    return f"{run['run_id']}{simulated}  {run['plan']}"

@@ -125,13 +125,13 @@ def stop_lines(stop: Document, width: int) -> Lines:
         # How far it is off is not known, which the note says.
         reading = f"length change {last['displacement']}"
         return [title, Text(last["line"]), Text(reading), Text(last["note"])]
-    model = f"off model   {last['from_expected']}"
+    model = f"from model   {last['from_expected']}"
     by = f"{model} ({last['expected_by']})"
     return [
         title,
         Text(last["line"]),
         Text(f"reading {last['displacement']} from the first"),
-        Text(f"off perfect {last['from_nominal']}"),
+        Text(f"from perfect {last['from_nominal']}"),
         Text(by if last["expected_by"] and len(by) <= width else model),
     ]
 

@@ -42,7 +42,7 @@ from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.sections.measurement import _words_of
 from stepdiag_ros.report.pages.sections.readings import _few_stops
 from stepdiag_ros.report.publish import try_folder
-from stepdiag_ros.text.numbers import ARC_SECONDS, plus_minus, with_expanded
+from stepdiag_ros.text.numbers import ARC_SECONDS, WITHOUT_BUDGET, plus_minus, with_expanded
 
 PLAN = """\
 name: small run
@@ -163,7 +163,7 @@ def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
 
 
 def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, solved):
-    rows = page.tables["Squareness, ± of the readings"]
+    rows = page.tables[f"Squareness, {WITHOUT_BUDGET}"]
     heads, first, second = rows[:3]
     for result in solved.results:
         short = {"setup_robust": "Setup-robust", "least_squares": "Least squares"}
@@ -176,7 +176,7 @@ def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, sol
 
 
 def test_table_one_is_that_of_the_result(page, solved):
-    rows = page.tables["Table 1 (Ibaraki & Hata 2010), over the travel, in µm, ± of the readings"]
+    rows = page.tables[f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {WITHOUT_BUDGET}"]
     found = solved.preferred().figure("positioning E_XX")
     expected = plus_minus(found.value, found.standard_uncertainty, IN_MICRO)
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == expected
@@ -238,7 +238,7 @@ def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertain
         (one,) = [one for one in found if one.name == name]
         curve = solved.preferred().curves[name]
         assert one.value == np.ptp(curve)
-    rows = page.tables["Positioning error, peak to peak over the travel, ± of the readings"]
+    rows = page.tables[f"Positioning error, peak to peak over the travel, {WITHOUT_BUDGET}"]
     of_readings = single_errors(solved.preferred())[0]
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == with_expanded(
         of_readings.value, of_readings.expanded_uncertainty, IN_MICRO
@@ -548,9 +548,9 @@ def test_one_format_alone(bag, tmp_path, wanted, capsys, monkeypatch):
 @needs_poppler
 def test_no_page_parts_a_table_from_its_title_or_from_its_first_rows(folder):
     titles = (
-        "Table 1 (Ibaraki & Hata 2010), over the travel, in µm, ± of the readings",
+        f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {WITHOUT_BUDGET}",
         "What is known of the inputs",
-        "Volumetric accuracy, ± of the readings",
+        f"Volumetric accuracy, {WITHOUT_BUDGET}",
         "Methods",
     )
     found = 0

@@ -73,8 +73,8 @@ def test_an_ended_run_has_all_essentials(ended, run, width, height):
     assert ended["run"]["words"] in rows[1]
     assert f"Last stop: {stop.command.stop}, {stop.readings} readings" in text
     last = ended["stop"]["last"]
-    assert f"off perfect {last['from_nominal']}" in text
-    assert f"off model {last['from_expected']}" in text
+    assert f"from perfect {last['from_nominal']}" in text
+    assert f"from model {last['from_expected']}" in text
     # Counted forward along the line; this was a pass backward.
     assert block.line.direction == "backward"
     deviation = micrometres(
@@ -142,6 +142,11 @@ def test_the_whole_view_leaves_nothing_out(ended, faulty):
     for course in ended["volume"]["courses"]:
         assert f"{course['name']} " in text
     assert "…" not in text
+
+
+def test_a_narrow_terminal_says_which_run_of_which_plan_it_shows(ended):
+    text = joined(drawn(ended, 60, 20)[:4])
+    assert ended["run"]["run_id"] in text and " ".join(ended["run"]["plan"].split()) in text
 
 
 def test_a_terminal_that_is_too_small_is_told_so(ended):
