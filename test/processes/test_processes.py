@@ -190,3 +190,23 @@ def test_a_cell_that_is_ended_in_a_run_names_its_bag(tmp_path, monkeypatch, stat
     with pytest.raises(Terminated) as raised:
         session.keep_up(lambda _: None)
     assert (str(bag) in str(raised.value)) == named
+
+
+def test_a_cell_names_the_devices_that_it_waits_for_and_when_they_are_there(tmp_path, monkeypatch):
+    told = []
+    session = MeasuringSession([], tmp_path, told.append, on_machine=True)
+    peer = SimpleNamespace(role="weather", text="no answer of ttyUSB7", faulty=True)
+    operator = SimpleNamespace(watch=SimpleNamespace(peers={"/cell/weather": peer}))
+    looks = iter([True, True, False])
+
+    def spin(*_):
+        peer.faulty = next(looks, None)
+        if peer.faulty is None:
+            raise KeyboardInterrupt
+
+    operator.spin_until = spin
+    monkeypatch.setattr(session, "_check", lambda *_: False)
+    with pytest.raises(KeyboardInterrupt):
+        session._look_on(operator, SimpleNamespace(ended=dict), {})
+    waits, ready = [news.text for news in told]
+    assert "weather" in waits and "ttyUSB7" in waits and "weather" in ready
