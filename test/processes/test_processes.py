@@ -50,10 +50,17 @@ def test_a_held_node_joins_the_graph_only_when_it_is_released(tmp_path):
             operator.destroy_node()
 
 
-def test_a_held_node_ends_when_it_is_told_to(tmp_path):
-    with Processes([NodeProcess("weather")], tmp_path, held=True) as processes:
+def test_a_held_node_ends_when_it_is_told_to_and_leaves_nothing_behind(tmp_path):
+    logs = tmp_path / "results" / "logs"
+    with Processes([NodeProcess("weather")], logs, held=True) as processes:
         process = processes.running["weather"]
     assert process.returncode == -signal.SIGTERM
+    assert not list(tmp_path.iterdir())
+    # What was there stays.
+    logs.mkdir(parents=True)
+    with Processes([NodeProcess("weather")], logs, held=True):
+        pass
+    assert logs.is_dir()
 
 
 def test_a_command_joins_the_graph_without_a_word():
