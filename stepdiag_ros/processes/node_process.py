@@ -97,7 +97,7 @@ def ending(name: str, code: int, last: str) -> str:
     Args:
         name: of the node.
         code: exit code of its process, below zero for a signal.
-        last: the last line of its log; empty if there is none.
+        last: the last line of its log; empty if it has no line.
     """
     # A node that is ended by a signal says nothing of it, and [INFO] is not a reason.
     informs = last.startswith(("[INFO]", "[DEBUG]"))
