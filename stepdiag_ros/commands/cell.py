@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -61,13 +62,15 @@ def run(arguments: argparse.Namespace) -> int:
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     where = f"ROS domain {domain}" + (f" in namespace {namespace}" if namespace else "")
     measure = "stepdiag measure" + (f" --namespace {namespace}" if namespace else "")
-    up = False
+    up, said = False, ""
     with ExitStack() as bar:
         progress = bar.enter_context(progress_bar(""))
 
         def tell(news: "RunNews") -> None:
-            if up:
-                say(news.text)
+            nonlocal said
+            if up or (news.text != said and not sys.stderr.isatty()):
+                said = news.text
+                say(said)
             else:
                 progress(0.0, news.text)
 

@@ -152,7 +152,7 @@ def cell_nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]
     from stepdiag_ros.compensation.generic import correction_from_file
     from stepdiag_ros.metrology.live_effects import check_measurable
     from stepdiag_ros.processes.cell import simulated_cell
-    from stepdiag_ros.report.publish import make_folder
+    from stepdiag_ros.report.publish import try_folder
     from stepdiag_ros.run.feasibility import beyond_machine
 
     plan = str(configuration.find(arguments.plan, "plans"))
@@ -174,7 +174,8 @@ def cell_nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]
         correction = str(arguments.correction.resolve())
         # What is not a map is refused here; how large a correction may be, the bridge judges.
         correction_from_file(arguments.correction, math.inf)
-    folder = make_folder((arguments.output or RESULTS).resolve())
+    folder = (arguments.output or RESULTS).resolve()
+    try_folder(folder)
     nodes = simulated_cell(
         plan,
         machine,

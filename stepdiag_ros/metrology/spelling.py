@@ -12,7 +12,7 @@ def nearest(name: object, known: Iterable[str], likeness: float = _LIKENESS) -> 
 
     Args:
         name: as it was typed.
-        known: the names to choose from.
+        known: the right names.
         likeness: least part of the two names that is alike, 0 to 1 (``difflib``).
     """
     return next(iter(get_close_matches(str(name), list(known), n=1, cutoff=likeness)), "")

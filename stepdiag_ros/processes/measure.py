@@ -88,22 +88,37 @@ class MeasuringSession:
             KeyboardInterrupt: as asked; the machine stands still.
         """
         with self._started() as (operator, processes):
-            ready(self._wait_for_nodes(operator, processes))
+            missing = self._wait_for_nodes(operator, processes)
+            ready(missing)
             try:
-                self._look_on(operator, processes)
+                self._look_on(operator, processes, self._faults(operator) if missing else {})
             except KeyboardInterrupt as error:
                 state = operator.last_state
                 if state is None or State(state.state) in (State.IDLE, *ENDED):
                     raise
                 raise type(error)(self._recorded(state)) from None
 
-    def _look_on(self, operator: "OperatorNode", processes: Processes) -> NoReturn:
+    def _faults(self, operator: "OperatorNode") -> dict[str, str]:
+        """Return name → what is wrong with it, of the nodes that say so."""
+        peers = self._of_a_measurement(operator)
+        return {name: f"{peer.role}: {peer.text}" for name, peer in peers.items() if peer.faulty}
+
+    def _look_on(
+        self, operator: "OperatorNode", processes: Processes, faults: dict[str, str]
+    ) -> NoReturn:
         missed: dict[str, str] = {}
         shown = ("", State.IDLE)
         while True:
             operator.spin_until(lambda: False, LOOK_PERIOD)
             self._check(operator, processes)
             shown = self._tell_of_runs(operator.last_state, *shown)
+            if self._on_machine:
+                # A device that is switched on later, or one whose node only now says that it waits.
+                before, faults = faults, self._faults(operator)
+                for name in faults.keys() - before.keys():
+                    self._tell(RunNews(faults[name]))
+                for name in before.keys() - faults.keys():
+                    self._tell(RunNews(f"{name.rpartition('/')[2]}: ready"))
             ended = processes.ended()
             for name in ended.keys() - missed.keys():
                 self._tell(RunNews(f"{ended[name]}; the other nodes go on"))
@@ -202,10 +217,12 @@ class MeasuringSession:
             peers = self._of_a_measurement(operator)
             heard = {name.rpartition("/")[2] for name in peers}
             unheard = [name for name in names if name not in heard]
+            faults = list(self._faults(operator).values())
             words = starting_words(unheard, stopped, now - begun)
+            if faults and not (unheard or stopped):
+                words = f"waiting for {'; '.join(faults)}"
             self._tell(RunNews(words))
             if patience.is_over(bool(stopped), now):
-                faults = [f"{peer.role}: {peer.text}" for peer in peers.values() if peer.faulty]
                 if self._on_machine and not unheard:
                     return "; ".join(faults)
                 what = "not all came up" if unheard else "all are up, but not ready"

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence as Listing
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -96,7 +97,7 @@ def ending(name: str, code: int, last: str) -> str:
     Args:
         name: of the node.
         code: exit code of its process, below zero for a signal.
-        last: the last line of its log; empty if the log has no such line.
+        last: the last line of its log; empty if it has no line.
     """
     # A node that is ended by a signal says nothing of it, and [INFO] is not a reason.
     informs = last.startswith(("[INFO]", "[DEBUG]"))
@@ -127,7 +128,8 @@ class Processes:
 
     Args:
         nodes: what to start.
-        log_folder: each node's output goes to NAME.log there.
+        log_folder: each node's output goes to NAME.log there; made for the time being, and kept
+            where a node has written.
         held: get the processes ready at once, but let the nodes join the graph only after
             ``release``.
     """
@@ -136,9 +138,11 @@ class Processes:
         self._nodes = nodes
         self._logs = log_folder
         self._held = held
+        self._made: list[Path] = []
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> "Processes":
+        self._made = [one for one in (self._logs, *self._logs.parents) if not one.exists()]
         self._logs.mkdir(parents=True, exist_ok=True)
         for node in self._nodes:
             self.start(node)
@@ -151,10 +155,21 @@ class Processes:
         trace: TracebackType | None,
     ) -> None:
         self.end()
+        # Where the nodes were not let into the graph, nothing is left behind.
+        for name in self.running:
+            with suppress(OSError):
+                if not self._log(name).stat().st_size:
+                    self._log(name).unlink()
+        for one in self._made:
+            with suppress(OSError):
+                one.rmdir()
+
+    def _log(self, name: str) -> Path:
+        return self._logs / f"{name}.log"
 
     def start(self, node: NodeProcess) -> None:
         """Start one node, or start it again."""
-        with (self._logs / f"{node.name}.log").open("ab") as log:
+        with self._log(node.name).open("ab") as log:
             self.running[node.name] = subprocess.Popen(
                 node.command(),
                 stdin=subprocess.PIPE if self._held else subprocess.DEVNULL,
@@ -211,6 +226,6 @@ class Processes:
                 process.stdin.close()
 
     def _last_words(self, name: str) -> str:
-        log = self._logs / f"{name}.log"
+        log = self._log(name)
         lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
         return f"{lines[-1].strip().removeprefix(PREFIX)} (see {log})" if lines else ""

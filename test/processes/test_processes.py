@@ -50,10 +50,17 @@ def test_a_held_node_joins_the_graph_only_when_it_is_released(tmp_path):
             operator.destroy_node()
 
 
-def test_a_held_node_ends_when_it_is_told_to(tmp_path):
-    with Processes([NodeProcess("weather")], tmp_path, held=True) as processes:
+def test_a_held_node_ends_when_it_is_told_to_and_leaves_nothing_behind(tmp_path):
+    logs = tmp_path / "results" / "logs"
+    with Processes([NodeProcess("weather")], logs, held=True) as processes:
         process = processes.running["weather"]
     assert process.returncode == -signal.SIGTERM
+    assert not list(tmp_path.iterdir())
+    # What was there stays.
+    logs.mkdir(parents=True)
+    with Processes([NodeProcess("weather")], logs, held=True):
+        pass
+    assert logs.is_dir()
 
 
 def test_a_command_joins_the_graph_without_a_word():
@@ -214,7 +221,29 @@ def test_who_keeps_a_cell_sees_each_run_that_somebody_starts(tmp_path):
     operator.spin_until = spin
     processes = SimpleNamespace(ended=dict, stopped=dict)
     with pytest.raises(Terminated):
-        session._look_on(operator, processes)
+        session._look_on(operator, processes, {})
     assert len(told) == 4
     assert [text.split()[1].rstrip(":") for text in told] == ["one", "one", "one", "two"]
     assert "PAUSED" in told[1] and "why" in told[2]
+
+
+def test_a_cell_names_the_devices_that_it_waits_for_and_when_they_are_there(tmp_path, monkeypatch):
+    told = []
+    session = MeasuringSession([], tmp_path, told.append, on_machine=True)
+    peer = SimpleNamespace(role="weather", text="no answer of ttyUSB7", faulty=True)
+    operator = SimpleNamespace(
+        watch=SimpleNamespace(peers={"/cell/weather": peer}), last_state=None
+    )
+    looks = iter([True, True, False])
+
+    def spin(*_):
+        peer.faulty = next(looks, None)
+        if peer.faulty is None:
+            raise KeyboardInterrupt
+
+    operator.spin_until = spin
+    monkeypatch.setattr(session, "_check", lambda *_: False)
+    with pytest.raises(KeyboardInterrupt):
+        session._look_on(operator, SimpleNamespace(ended=dict), {})
+    waits, ready = [news.text for news in told]
+    assert "weather" in waits and "ttyUSB7" in waits and "weather" in ready

@@ -409,24 +409,36 @@ class FaultSection(PageSection):
         if self._run:
             found.append({"level": "fault", "who": "run", "text": self._run})
         machine = self._machine_words()
-        if machine:
+        # The bridge may say the same, and what it does about it.
+        if machine and not any(one.message.startswith(machine) for one in self._said.values()):
             found.append({"level": "fault", "who": "machine", "text": machine})
         missed = [f"{node.role} node {node.name}" for node in self._missed()]
         if missed:
             verb = "is" if len(missed) == 1 else "are"
             text = f"{', '.join(missed)} {verb} silent"
             found.append({"level": "fault", "who": "nodes", "text": text})
-        worst_first = sorted(self._said.values(), key=lambda said: said.level != Level.ERROR)
-        for said in worst_first:
-            level = "fault" if said.level == Level.ERROR else "warning"
-            node, _, task = said.name.rpartition(": ")
-            who = node if task == HEARTBEAT else said.name
-            found.append({"level": level, "who": who, "text": said.message})
+        found += self._said_by_nodes()
         return {
             "faults": found[:_MOST_FAULTS],
             "more": max(0, len(found) - _MOST_FAULTS),
             "note": self._note(),
         }
+
+    def _said_by_nodes(self) -> list[dict[str, str]]:
+        """Return what nodes say, faults first; each thing once, with all tasks that say it."""
+        who: dict[tuple[bool, str, str], list[str]] = {}
+        for said in self._said.values():
+            node, _, task = said.name.rpartition(": ")
+            tasks = who.setdefault((said.level != Level.ERROR, node, said.message), [])
+            tasks += [task] if task != HEARTBEAT else []
+        return [
+            {
+                "level": "warning" if mild else "fault",
+                "who": f"{node}: {', '.join(tasks)}" if tasks else node,
+                "text": text,
+            }
+            for (mild, node, text), tasks in sorted(who.items(), key=lambda one: one[0][0])
+        ]
 
     @property
     def _is_over(self) -> bool:

@@ -366,6 +366,18 @@ def test_faults_come_and_go(state, small_run):
     assert texts == ["the door is open", "cnc_bridge node /cnc_bridge is silent"]
 
 
+def test_a_device_that_is_waited_for_is_listed_once_with_what_it_keeps_from_work(state):
+    why = "cannot open socket://127.0.0.1:9"
+    state.take(MachineStatus(1, True, why, faulty=True))
+    state.take(Said("cnc_bridge: heartbeat", 2, f"{why}; it will be opened again in 5 s"))
+    for task in ("axes", "commands"):
+        state.take(Said(f"cnc_bridge: {task}", 1, "the controller is not in use"))
+    fault, warning = state.document("faults")["faults"]
+    assert fault["level"] == "fault" and why in fault["text"]
+    assert warning["level"] == "warning"
+    assert all(word in warning["who"] for word in ("cnc_bridge", "axes", "commands"))
+
+
 def test_a_machine_that_stands_after_an_abort_is_no_fault_unless_it_is_one(state, small_run):
     state.take(MachineStatus(1, True, "stopped on request"))
     assert [one["who"] for one in state.document("faults")["faults"]] == ["machine"]
