@@ -13,7 +13,7 @@ import jsonschema_rs
 import pytest
 import scipy.linalg  # noqa: F401 - brings a library of its own, to be limited below
 import slow
-from domains import own_domain
+from domains import own_domain, room_for_a_cell
 from forked import ForkedPopen
 from hypothesis import settings
 from threadpoolctl import ThreadpoolController
@@ -140,6 +140,13 @@ def one_thread():
     other: that takes seven times the processor time.
     """
     with ThreadpoolController().limit(limits=1, user_api="blas"):
+        yield
+
+
+@pytest.fixture
+def room():
+    """Hold the room of a whole cell, for a test that has another process start one."""
+    with room_for_a_cell():
         yield
 
 

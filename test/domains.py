@@ -8,8 +8,9 @@ from __future__ import annotations
 import fcntl
 import os
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO
 from unittest import mock
@@ -58,3 +59,40 @@ def _first_free() -> tuple[int, IO[str]]:
         else:
             return number, lock
     raise RuntimeError(f"all {len(NUMBERS)} ROS domains are taken by tests; see {FOLDER}")
+
+
+_rooms_held = 0
+
+
+@contextmanager
+def room_for_a_cell() -> Iterator[None]:
+    """Wait until the computer has room for another whole cell, and hold it.
+
+    A cell has a dozen nodes, which take more than one processor between them. Where more run at
+    once than there is room for, each makes the others late, and all take several times as long
+    beside a load that no test can stand. In a block within the block nothing more is held.
+    """
+    global _rooms_held
+    FOLDER.mkdir(exist_ok=True)
+    with ExitStack() as held:
+        if not _rooms_held:
+            held.enter_context(_first_free_room())
+        _rooms_held += 1
+        try:
+            yield
+        finally:
+            _rooms_held -= 1
+
+
+def _first_free_room() -> IO[str]:
+    rooms = max(1, len(os.sched_getaffinity(0)) // 2)
+    while True:
+        for number in range(rooms):
+            lock = (FOLDER / f"room {number}").open("a")
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                lock.close()
+            else:
+                return lock
+        time.sleep(0.1)

@@ -2,8 +2,10 @@
 
 import re
 import time
+from contextlib import ExitStack
 
 import pytest
+from domains import room_for_a_cell
 from patience import PATIENCE
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
@@ -80,15 +82,22 @@ class RunningCell:
             self.operator.listen(topic, heard.append, keep_all=True)
 
     def __enter__(self):
-        self.processes.__enter__()
-        peers = self.operator.watch.peers
-        self.wait(
-            lambda: len(peers) == len(self.nodes) and not any(p.faulty for p in peers.values()),
-            "all nodes are up",
-        )
+        with ExitStack() as begun:
+            begun.enter_context(room_for_a_cell())
+            begun.callback(self._end)
+            self.processes.__enter__()
+            peers = self.operator.watch.peers
+            self.wait(
+                lambda: len(peers) == len(self.nodes) and not any(p.faulty for p in peers.values()),
+                "all nodes are up",
+            )
+            self._begun = begun.pop_all()
         return self
 
     def __exit__(self, *_):
+        self._begun.close()
+
+    def _end(self):
         import rclpy
 
         self.processes.end()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from domains import room_for_a_cell
 from linuxcnc_watched import at_rest
 from patience import PATIENCE
 
@@ -49,7 +50,7 @@ class Run:
         # A busy computer is no dead controller.
         device.write_text(f"socket: {instance.socket}\ndead_man_s: 2.0\nsilence_s: 20.0\n")
         nodes = twin_cell(str(PLAN), "demo", "demo", folder, "linuxcnc", str(device))
-        with in_graph(), Processes(nodes, folder / "logs") as processes:
+        with room_for_a_cell(), in_graph(), Processes(nodes, folder / "logs") as processes:
             operator = OperatorNode()
             peers = operator.watch.peers
             assert operator.spin_until(

@@ -8,8 +8,10 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 from patience import PATIENCE
 
+pytestmark = pytest.mark.usefixtures("room")
 CLI = (sys.executable, "-m", "stepdiag_ros.cli")
 
 

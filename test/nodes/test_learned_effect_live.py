@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from closed_loop import BLOCKS, ORIGIN, PLAN, STEP, compensate, stood, twin
+from domains import room_for_a_cell
 
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
@@ -65,7 +66,8 @@ def measured(folder, hidden, model="free", correction=""):
         *(str(plan), "demo", str(cell), folder, FACTOR, 0.0, 1), str(model), str(correction)
     )
     nodes = [node for node in nodes if node.name != "evaluator"]
-    return MeasuringSession(nodes, folder, lambda _: None).measure()
+    with room_for_a_cell():
+        return MeasuringSession(nodes, folder, lambda _: None).measure()
 
 
 def live_verdict(bag):

@@ -15,6 +15,8 @@ from stepdiag_ros.processes.measure import MeasuringSession
 from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.sequence import State
 
+pytestmark = pytest.mark.usefixtures("room")
+
 
 @pytest.fixture
 def meddle(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:

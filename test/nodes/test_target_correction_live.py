@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from closed_loop import compensate, files_of, stood
+from domains import room_for_a_cell
 from refused import refused
 
 from stepdiag_ros.commands.solve import report_of
@@ -20,7 +21,8 @@ def measured(folder, **bridge):
     for node in nodes:
         if node.name == "bridge":
             node.parameters.update(bridge)
-    return MeasuringSession(nodes, folder, lambda _: None).measure()
+    with room_for_a_cell():
+        return MeasuringSession(nodes, folder, lambda _: None).measure()
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import yaml
-from domains import own_domain
+from domains import own_domain, room_for_a_cell
 
 from stepdiag_ros import topics
 from stepdiag_ros.bags.reader import BagReader
@@ -109,6 +109,7 @@ class PeerRun:
             for node in twin_cell(plan, "demo", cell, folder, driver, device)
         ]
         with (
+            room_for_a_cell(),
             own_domain(),
             peer or nullcontext(),
             in_graph(),
