@@ -370,10 +370,18 @@ def test_another_protocol_is_refused(raw):
 
 
 def test_a_second_client_is_refused_and_the_first_one_goes_on(machine_tool, watched):
-    watched.go(30.0, 0.0, 0.0)
-    with refused(OSError, errno=errno.EBUSY):
-        watched.meanwhile(lambda: Watched(machine_tool.socket))
-    assert watched.until_state(CncState.READY).position[0] == pytest.approx(0.03, abs=WINDOW)
+    for target in (30.0, 0.0) * 3:
+        watched.go(target, 0.0, 0.0)
+        with refused(OSError, errno=errno.EBUSY):
+            watched.meanwhile(lambda: Watched(machine_tool.socket))
+        ended = watched.until_state(CncState.READY, CncState.STOPPED)
+        if ended.state is CncState.READY:
+            assert ended.position[0] == pytest.approx(1e-3 * target, abs=WINDOW)
+            return
+        # A busy computer has kept this process from a word for as long as the dead-man waits.
+        assert "silent" in ended.reason
+        watched.reset()
+    raise AssertionError("held each time")
 
 
 def test_whoever_takes_the_machine_over_at_the_control_has_it(watched, machine_tool):
