@@ -27,17 +27,24 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.parameters.declaration import COMMON
 from stepdiag_ros.parameters.nodes import declared_node
 from stepdiag_ros.processes.cell import simulated_cell
+from stepdiag_ros.processes.measure import BUSY
 from stepdiag_ros.run.sequence import State
 
 
-def stepdiag(*arguments, timeout=PATIENCE):
+def stepdiag(*arguments, timeout=PATIENCE, **options):
+    """Run a command; again, where its nodes do not come up since the computer is too busy."""
     with room_for_a_cell() if arguments[0] in ("run", "replay") else nullcontext():
-        return subprocess.run(
-            [sys.executable, "-m", "stepdiag_ros.cli", *map(str, arguments)],
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-        )
+        for _ in range(3):
+            done = subprocess.run(
+                [sys.executable, "-m", "stepdiag_ros.cli", *map(str, arguments)],
+                capture_output=True,
+                text=True,
+                timeout=timeout,
+                **options,
+            )
+            if BUSY not in done.stderr:
+                break
+        return done
 
 
 @pytest.fixture(scope="module")
@@ -187,14 +194,10 @@ def test_the_command_line_passes_the_pauses_for_a_setup(tmp_path):
     assert len(recorded.lines) == len(recorded.plan.lines)
 
 
-@pytest.mark.usefixtures("room")
 def test_a_full_disk_is_said_and_what_was_recorded_can_be_saved(tmp_path):
-    arguments = ("run", "--plan", "quick", "--factor", "20", "--output", str(tmp_path))
-    done = subprocess.run(
-        [sys.executable, "-m", "stepdiag_ros.cli", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
+    arguments = ("run", "--plan", "quick", "--factor", "20", "--output", tmp_path)
+    done = stepdiag(
+        *arguments,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000)),
     )
     bags = [*tmp_path.glob("*.mcap")]
