@@ -110,7 +110,7 @@ def test_a_wrong_value_is_refused_in_plain_words_and_nothing_is_changed(
     diagnosis, clock = declare("diagnosis"), declare("clock")
     spin(diagnosis, clock, node)
     setter, other = Setter(node, "diagnosis"), Setter(node, "clock")
-    expected = "expected a number with a point, such as 1.0, from 0 to 3600 s"
+    expected = "expected a number with a point, such as 10.0, from 0 to 3600 s"
     pause = "parameter 'pause_s' of node diagnosis is"
     assert setter.set("pause_s", 1) == f"{pause} 1; {expected}; write 1.0"
     assert setter.set("pause_s", "1e2") == f"{pause} '1e2'; {expected}; write 100.0"
