@@ -42,8 +42,9 @@ def keep(url: str, bag: Path) -> Kept:
     problems = [one.problem for one in add(place, [bag], Engine(1, "")) if one.problem]
     with Catalogue(place) as catalogue:
         rows = catalogue.ask("select machine from runs where bag_sha256 = ?", [sha256_of(bag)])
-    machine = next((row["machine"] for row in rows if row["machine"]), "")
-    return Kept(" ".join(problems), machine, history_of(url, machine) if machine else None)
+        machine = next((row["machine"] for row in rows if row["machine"]), "")
+        history = _history(catalogue, machine) if machine else None
+    return Kept(" ".join(problems), machine, history)
 
 
 def history_of(url: str, machine: str) -> MachineHistory | None:
@@ -53,8 +54,11 @@ def history_of(url: str, machine: str) -> MachineHistory | None:
         ValueError: a part of the catalogue is damaged.
     """
     with Catalogue(Place(url)) as catalogue:
-        if not catalogue.ask(
-            "select 1 from figures where machine = ? and time is not null limit 1", [machine]
-        ):
-            return None
-        return next(iter(histories(catalogue, machine)), None)
+        return _history(catalogue, machine)
+
+
+def _history(catalogue: Catalogue, machine: str) -> MachineHistory | None:
+    dated = "select 1 from figures where machine = ? and time is not null limit 1"
+    if not catalogue.ask(dated, [machine]):
+        return None
+    return next(iter(histories(catalogue, machine)), None)

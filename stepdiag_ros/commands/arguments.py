@@ -43,6 +43,13 @@ def fit_line(line: str, width: int) -> str:
     return fitted(line, width, " " * len(left + gap))
 
 
+def no_such(value: object, known: Sequence[str], kind: str = "") -> str:
+    """Say that a word is not among those to choose from, and which may have been meant."""
+    near = nearest(value, known)
+    hint = f"did you mean {near}?" if near else f"choose from {', '.join(known)}"
+    return f"there is no {kind}'{value}'; {hint}"
+
+
 class _HelpFormatter(argparse.HelpFormatter):
     """Wraps a paragraph of one line; of lines that were broken on purpose, those that are too long.
 
@@ -78,11 +85,9 @@ class HintingParser(argparse.ArgumentParser):
         if action.choices is None or value in action.choices:
             return
         known = [str(choice) for choice in action.choices]
-        near = nearest(value, known)
-        hint = f"did you mean {near}?" if near else f"choose from {', '.join(known)}"
         if isinstance(action, argparse._SubParsersAction):
-            raise argparse.ArgumentError(None, f"there is no command '{value}'; {hint}")
-        raise argparse.ArgumentError(action, f"there is no '{value}'; {hint}")
+            raise argparse.ArgumentError(None, no_such(value, known, "command "))
+        raise argparse.ArgumentError(action, no_such(value, known))
 
 
 class CommandParser(HintingParser):

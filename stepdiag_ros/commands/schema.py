@@ -1,11 +1,11 @@
 """``stepdiag schema``: what is in the JSON that other commands print, and in messages."""
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 
 from stepdiag_ros import resources, schemas
-from stepdiag_ros.commands.arguments import Command, Group
+from stepdiag_ros.commands.arguments import Command, Group, no_such
 
 _EXAMPLES = """\
 examples:
@@ -19,7 +19,7 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "name",
         nargs="?",
-        choices=[*schemas.VERSIONS, *_interfaces()],
+        type=_known,
         metavar="NAME",
         help=f"one of {', '.join(schemas.VERSIONS)}, or a message such as RunVerdict",
     )
@@ -37,6 +37,14 @@ def run(arguments: Namespace) -> int:
             print(f"{name:18}{schemas.schema(name)['title']}")
         print(f"messages and the action: {', '.join(interfaces)}")
     return 0
+
+
+def _known(name: str) -> str:
+    # Looked up only here: other commands start without it.
+    known = [*schemas.VERSIONS, *_interfaces()]
+    if name not in known:
+        raise ArgumentTypeError(no_such(name, known))
+    return name
 
 
 def _interfaces() -> dict[str, Path]:
