@@ -16,7 +16,7 @@ from stepdiag_ros.configuration import (
     load_model,
     plan_given,
 )
-from stepdiag_ros.devices import Kind, Surroundings, known_drivers, prepare
+from stepdiag_ros.devices import NO_DRIVER, Kind, Surroundings, prepare
 from stepdiag_ros.devices.cnc.joint_controller import ControllerNames, JointController
 from stepdiag_ros.embedded.arguments import load_parameter_file, matches
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
@@ -126,15 +126,6 @@ def _check(node: DeclaredNode, given: dict[str, Any]) -> None:
 def _check_driver(kind: Kind, node: DeclaredNode, given: dict[str, Any]) -> None:
     """Refuse a driver that is not there, and settings that it would refuse; nothing is opened."""
     driver = given[DEVICE]
-    known = known_drivers(kind)
-    if driver not in known:
-        near = nearest(driver, known)
-        hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
-        raise Refusal(
-            f"'{DEVICE}' of {node.name}: there is no {kind} driver '{driver}'; {hint}",
-            fault="unknown",
-            about=driver,
-        )
     if driver == SIMULATED:
         return
     file = given.get("device_file", "")
@@ -148,8 +139,12 @@ def _check_driver(kind: Kind, node: DeclaredNode, given: dict[str, Any]) -> None
     try:
         prepare(kind, driver, settings, surroundings)
     except ValueError as error:
-        where = f"{file}" if file else f"'{DEVICE}' of {node.name} without a device_file"
-        raise Refusal(f"{where}: {error}", **fields_of(error)) from None
+        fields = fields_of(error)
+        if fields.get("aspect") == NO_DRIVER:
+            where = f"'{DEVICE}' of {node.name}"
+        else:
+            where = file or f"'{DEVICE}' of {node.name} without a device_file"
+        raise Refusal(f"{where}: {error}", **fields) from None
 
 
 def _of_the_node(names: ControllerNames) -> JointController:
