@@ -211,7 +211,7 @@ def test_the_last_lines_say_it_in_short_and_what_to_run_next():
 
 @pytest.mark.parametrize("width", [40, 80, 200])
 def test_a_command_is_one_line_whatever_the_width(width):
-    """It is to be copied; reasons are to be read."""
+    """A command is to be copied, and reasons are to be read."""
     lead = lead_of(make_report(bag=Path("my runs/one.mcap"), refused={"soons": "too little"}))
     commands = [one.command for one in next_steps(lead) if one.command]
     lines = next_lines(lead, width)
