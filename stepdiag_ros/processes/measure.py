@@ -25,6 +25,10 @@ START_LIMIT = 40.0
 """Real seconds within which all nodes must be up."""
 BUSY = "End other programs, or give a lower --factor"
 """What to do where a simulated run fails for want of time."""
+_LOAD_ADVICE = (
+    "Everything is simulated here: if the cell file does not ask for such a fault, this computer"
+    " was too busy."
+)
 LOOK_PERIOD = 0.5
 """Real seconds between two looks at nodes that start."""
 
@@ -269,8 +273,7 @@ class MeasuringSession:
 def _go_on(state: State, text: str) -> bool:
     """Pass a pause for a setup: the simulated cell is aligned already, nobody has to touch it."""
     if state is State.FAULT:
-        raise RunFailed(
-            f"the run has stopped: {text}. Everything is simulated here: if the cell file does"
-            f" not ask for such a fault, this computer was too busy. {BUSY}"
-        )
+        # What the recorder could not write is no matter of a busy computer.
+        advice = "" if text.startswith("recorder: ") else f". {_LOAD_ADVICE} {BUSY}"
+        raise RunFailed(f"the run has stopped: {text}{advice}")
     return state is State.WAITING_FOR_SETUP

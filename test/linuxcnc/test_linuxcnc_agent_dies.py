@@ -101,7 +101,7 @@ def test_an_agent_that_hangs_inhibits_the_feed_and_is_told(make_instance):
     instance.signal("CONT", "stepdiag_agent")
     again = Watched(instance.socket, patience=PATIENCE)
     # HAL takes back the watchdog's word a moment after the agent has: both hold the machine.
-    again.until_state(CncState.STOPPED, CncState.FAULT)
+    again.until(lambda: again.driver.state in (CncState.STOPPED, CncState.FAULT))
     assert at_rest(instance) < first + 1.0, "the old move goes on"
     again.reset()
     again.go(0.0, 0.0, 0.0, feed=0.4)

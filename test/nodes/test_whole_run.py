@@ -204,6 +204,7 @@ def test_a_full_disk_is_said_and_what_was_recorded_can_be_saved(tmp_path):
     assert done.returncode == 1 and len(bags) == 1, done.stderr
     (bag,) = bags
     assert f"{bag}: the disk is full" in done.stderr
+    assert BUSY not in done.stderr
     assert "not closed the bag" not in done.stderr
     assert "Traceback" not in done.stderr
     assert recover(bag, tmp_path / "saved.mcap").messages > 100
