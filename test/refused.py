@@ -35,11 +35,11 @@ def a_fault(fault: str | None = None, *names: str, **fields: Any) -> AFault:
 
 @contextmanager
 def refused(
-    error: type[Exception] | tuple[type[Exception], ...],
+    error: type[BaseException] | tuple[type[BaseException], ...],
     fault: str | AFault | None = None,
     *names: str,
     **fields: Any,
-) -> Iterator[pytest.ExceptionInfo[Exception]]:
+) -> Iterator[pytest.ExceptionInfo[BaseException]]:
     """Demand that what is in the block ends with an error.
 
     Args:

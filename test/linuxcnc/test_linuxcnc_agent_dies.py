@@ -34,11 +34,16 @@ in which a busy computer has let the agent wait between its last word and its la
 
 
 def watch_closely(instance, watched):
-    """Let the watchdog be quick from the next signs of life on; 0.5 s is what users get."""
+    """Let the watchdog be quick from the next signs of life on; 0.5 s is what users get.
+
+    The agent must give these signs, and LinuxCNC must run while it does: each may have to wait.
+    """
     set_timeout = ("halcmd", "setp", "watchdog.timeout-0", repr(WATCHDOG_S))
     watched.meanwhile(lambda: instance.run(*set_timeout))
-    for _ in range(5):
-        watched.position()
+    for _ in range(2):
+        watched.until_moved()
+        for _ in range(5):
+            watched.position()
 
 
 def last_told(watched):
