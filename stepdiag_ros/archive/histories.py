@@ -101,6 +101,21 @@ class MachineHistory:
     scale_known: bool
 
 
+@dataclass(frozen=True)
+class HistoryOfRun:
+    """The history of the machine that a run has measured.
+
+    Attributes:
+        place: of the archive.
+        contains_run: the run is a part of it.
+        machine: the history.
+    """
+
+    place: str
+    contains_run: bool
+    machine: MachineHistory
+
+
 def date_of(years: float) -> datetime:
     """Return the date of a time in a series."""
     return _FIRST + years * _YEAR
@@ -164,6 +179,24 @@ def histories(
         if progress is not None:
             progress(len(found) / number, history.name)
     return found
+
+
+def history_of_run(catalogue: "Catalogue", sha256: str, machine: str) -> HistoryOfRun:
+    """Return the history of the machine that a run has measured.
+
+    Args:
+        catalogue: of the archive.
+        sha256: of the run's bag, which need not be in the archive.
+        machine: its name in the bag.
+
+    Raises:
+        ValueError: a part is damaged, or the archive has no dated figure of the machine; lists
+            those that it has.
+    """
+    query = "select machine, bag_sha256 = ? as same from runs where same or machine_stated = ?"
+    found = catalogue.ask(f"{query} order by same desc limit 1", [sha256, machine])
+    (history,) = histories(catalogue, found[0]["machine"] or UNNAMED if found else machine)
+    return HistoryOfRun(catalogue.place.url, bool(found and found[0]["same"]), history)
 
 
 def histories_of(

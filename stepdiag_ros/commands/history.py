@@ -32,11 +32,11 @@ def _add_options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Read the catalogue and show what the years say; see the module."""
     require_libraries()
-    from stepdiag_ros import plots
+    from stepdiag_ros import plots, schemas
     from stepdiag_ros.archive.catalogue import Catalogue
     from stepdiag_ros.archive.histories import histories, machine_urgency
     from stepdiag_ros.archive.place import Place
-    from stepdiag_ros.report.documents.trends import trends_json
+    from stepdiag_ros.report.documents.trends import trends_document
     from stepdiag_ros.report.plan_files import drawn, write_new
     from stepdiag_ros.report.tables.trends import print_machine, print_machines
     from stepdiag_ros.text.console import make_console
@@ -56,7 +56,7 @@ def run(arguments: Namespace) -> int:
         write_new({arguments.picture: content}, arguments.force)
         say(f"picture in {arguments.picture}")
     if arguments.json:
-        print(trends_json(place.url, machines))
+        print(schemas.json_text(trends_document(place.url, machines)))
     elif arguments.machine:
         print_machine(machines[0], make_console(sys.stdout), arguments.all)
     else:

@@ -3,6 +3,7 @@
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from math import nan
 from pathlib import Path
@@ -26,6 +27,8 @@ from stepdiag_ros.text.sentence import sentence
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from stepdiag_ros.archive.histories import HistoryOfRun
+    from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.report.certificate.laboratory import Laboratory
     from stepdiag_ros.report.pages.build import LaidOut
     from stepdiag_ros.report.pages.given import Given
@@ -61,6 +64,19 @@ def _add_options(parser: ArgumentParser) -> None:
         help="YAML file with laboratory, customer, machine and signers, form: docs/dcc.md; the"
         " options below go before it",
     )
+    _add_given(parser)
+    parser.add_argument(
+        "--control",
+        choices=Controls(),
+        metavar="CONTROL",
+        default="generic",
+        help="control to show compensation for: %(choices)s (default: generic, the whole error"
+        " map)",
+    )
+
+
+def _add_given(parser: ArgumentParser) -> None:
+    """Add the options for what a bag cannot know."""
     for name, what in (
         ("customer", "name of the customer"),
         ("operator", "who measured"),
@@ -90,12 +106,10 @@ def _add_options(parser: ArgumentParser) -> None:
     )
     add_direct_option(parser)
     parser.add_argument(
-        "--control",
-        choices=Controls(),
-        metavar="CONTROL",
-        default="generic",
-        help="control to show compensation for: %(choices)s (default: generic, the whole error"
-        " map)",
+        "--archive",
+        metavar="PLACE",
+        help="archive of runs; the report then has the history of the machine, see 'stepdiag"
+        " history'",
     )
 
 
@@ -204,6 +218,8 @@ def _material(
         warn_of_replaced(folder / NAMES["json"], recorded.run_id)
         if recorded.plan.tracker is not None:
             return TrackerHandover.of_run(recorded, given, progress, warn)
+        if arguments.archive is not None:
+            given = replace(given, history=_history(arguments.archive, recorded))
         direct = direct_measurement(arguments)
         try:
             report = report_of_run(
@@ -222,9 +238,24 @@ def _material(
     return Material(recorded, report, given)
 
 
+def _history(archive: str, recorded: "RecordedRun") -> "HistoryOfRun":
+    """Return what an archive says of the machine of a run."""
+    from stepdiag_ros.archive import require_libraries
+
+    require_libraries()
+    from stepdiag_ros.archive.catalogue import Catalogue
+    from stepdiag_ros.archive.histories import history_of_run
+    from stepdiag_ros.archive.place import Place
+    from stepdiag_ros.bags.digest import sha256_of
+
+    sha256 = sha256_of(recorded.path) if recorded.path.is_file() else ""
+    with Catalogue(Place(archive)) as catalogue:
+        return history_of_run(catalogue, sha256, str(recorded.machine.get("name", "")))
+
+
 def _refuse_options_of_curves(arguments: Namespace) -> None:
     """Refuse what a run with a tracker has no use for, rather than leave it out in silence."""
-    for option in ("tolerance", "instrument", "direct", "dcc"):
+    for option in ("tolerance", "instrument", "direct", "dcc", "archive"):
         if getattr(arguments, option):
             raise ValueError(
                 f"{arguments.bag} was measured with a tracker: --{option} is for the error curves"
@@ -308,5 +339,6 @@ COMMAND = Command(
     "  stepdiag report run.mcap\n"
     '  stepdiag report run.mcap --tolerance 20 --customer "Mill & Sons" --operator "A. Dent"\n'
     "  stepdiag report run.mcap --instrument demo --control linuxcnc --pdf\n"
-    "  stepdiag report run.mcap --instrument demo --dcc cert.xml --laboratory laboratory.yaml",
+    "  stepdiag report run.mcap --instrument demo --dcc cert.xml --laboratory laboratory.yaml\n"
+    "  stepdiag report run.mcap --archive /data/machines",
 )

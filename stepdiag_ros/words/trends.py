@@ -69,6 +69,21 @@ def change_sentence(figure: FigureHistory, change: Change) -> str:
     return f"{when}: {figure.name} {_MEANING[change.kind]} {what} (E_n {change.e_n:.1f})"
 
 
+def change_sentences(machine: MachineHistory) -> list[str]:
+    """Say what has changed and when, newest first."""
+    said = (
+        (change.latest, change_sentence(one, change))
+        for one in machine.figures
+        for change in one.trend.changes
+    )
+    return [sentence for _, sentence in sorted(said, reverse=True)]
+
+
+def limitations(machine: MachineHistory) -> list[str]:
+    """Say why crossings are not known, and what limits the statements on a machine."""
+    return [*filter(None, map(crossing_sentence, machine.figures)), *remarks(machine)]
+
+
 def attention_words(machine: MachineHistory) -> str:
     """Say what an owner must know first of a machine; empty if there is nothing."""
     few = all(one.trend.unknown for one in machine.figures)

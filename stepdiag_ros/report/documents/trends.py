@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
 from math import isfinite
+from typing import Any
 
 from stepdiag_ros import schemas
 from stepdiag_ros.archive.histories import FigureHistory, MachineHistory, date_of
@@ -13,8 +14,8 @@ from stepdiag_ros.schemas.trends import Change, Crossing, Document, Figure, Mach
 from stepdiag_ros.words.trends import remarks
 
 
-def trends_json(place: str, machines: Sequence[MachineHistory]) -> str:
-    """Return histories as JSON text; SI, ``null`` where not known.
+def trends_document(place: str, machines: Sequence[MachineHistory]) -> dict[str, Any]:
+    """Return histories as a mapping that ``json`` can write; SI, ``null`` where not known.
 
     Args:
         place: of the archive.
@@ -23,7 +24,7 @@ def trends_json(place: str, machines: Sequence[MachineHistory]) -> str:
     content = Document(
         place=place, change_level=LEVEL, machines=[_machine(one) for one in machines]
     )
-    return schemas.json_text(schemas.document("trends", content))
+    return schemas.document("trends", content)
 
 
 def _machine(machine: MachineHistory) -> Machine:

@@ -71,8 +71,10 @@ def prepare(
     told = []
     for section in sections():
         tell(section.title)
-        told.append(section.told(material))
-        atelier.ask(section.name, told[-1].drawings)
+        one = section.told(material)
+        if one.content != "":
+            told.append(one)
+            atelier.ask(section.name, one.drawings)
     lead, summary = lead_of(material), summary_of(material)
     atelier.ask(KEY, summary.drawings)
     tell("pictures")

@@ -2,9 +2,13 @@
 
 from dataclasses import dataclass, field
 from math import nan
+from typing import TYPE_CHECKING
 
 from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+
+if TYPE_CHECKING:
+    from stepdiag_ros.archive.histories import HistoryOfRun
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,7 @@ class Given:
         instrument_source: name of that description; empty: none was given.
         conditions: what is known of the conditions of the ISO 230 tests.
         control: that compensation is shown for.
+        history: of the machine, by an archive; None if none was named.
     """
 
     customer: str = ""
@@ -34,3 +39,4 @@ class Given:
     instrument_source: str = ""
     conditions: UncertaintyDescription = field(default_factory=UncertaintyDescription)
     control: str = "generic"
+    history: "HistoryOfRun | None" = None

@@ -33,7 +33,8 @@ class ToldSection:
         name: in the page's links, and of the template ``templates/sections/NAME.html`` if there is
             one.
         title: its heading.
-        content: what it tells; a text says why it has nothing to tell.
+        content: what it tells; a text says why it has nothing to tell. With an empty one the page
+            leaves it out.
     """
 
     name: str
@@ -65,7 +66,7 @@ class ReportSection:
         title: its heading, also in the list of contents.
         order: its place on the page; those of this package stand at 10, 20, 30 and so on.
         tell: returns what it tells of a run; a text is the sentence that says why it has nothing
-            to tell.
+            to tell, an empty one that nobody has asked for it.
         document: returns its part of the JSON document, None where the run has nothing for it; of a
             section whose figures are in the part of another one it is None itself.
         about_software: it proves the software, not the machine; the page shows it after all other

@@ -9,12 +9,11 @@ from stepdiag_ros.text.table import Column, Table
 from stepdiag_ros.words.diagnosis import readable_unit
 from stepdiag_ros.words.trends import (
     attention_words,
-    change_sentence,
-    crossing_sentence,
+    change_sentences,
     crossing_words,
     effects_sentence,
     history_sentence,
-    remarks,
+    limitations,
     value_words,
 )
 
@@ -68,26 +67,25 @@ def print_machine(machine: MachineHistory, console: PlainConsole, every: bool) -
         every: print all, not only what fits on a screen.
     """
     console.sentence(history_sentence(machine))
-    console.print(_figures(machine, every))
+    console.print(figures_table(machine, None if every else _MOST))
     _print_rest(len(machine.figures), "figures", console, every)
-    changes = sorted(
-        (
-            (change.latest, change_sentence(one, change))
-            for one in machine.figures
-            for change in one.trend.changes
-        ),
-        reverse=True,
-    )
+    changes = change_sentences(machine)
     console.sentence("Changes, newest first:" if changes else "No change was found.")
-    for _, sentence in changes[: None if every else _MOST]:
+    for sentence in changes[: None if every else _MOST]:
         console.sentence(f"- {sentence}")
     _print_rest(len(changes), "changes", console, every)
     console.sentence(effects_sentence(machine))
-    for sentence in (*filter(None, map(crossing_sentence, machine.figures)), *remarks(machine)):
+    for sentence in limitations(machine):
         console.sentence(f"- {sentence}")
 
 
-def _figures(machine: MachineHistory, every: bool) -> Table:
+def figures_table(machine: MachineHistory, most: int | None = None) -> Table:
+    """Return the figures of a machine, worst first.
+
+    Args:
+        machine: any.
+        most: number of rows; None: all.
+    """
     table = Table(
         "",
         [
@@ -98,7 +96,7 @@ def _figures(machine: MachineHistory, every: bool) -> Table:
             Column("outside"),
         ],
     )
-    for one in sorted(machine.figures, key=urgency)[: None if every else _MOST]:
+    for one in sorted(machine.figures, key=urgency)[:most]:
         trend, (unit, factor) = one.trend, readable_unit(one.unit)
         limits = [plain(limit * factor, 1) for limit in trend.limits]
         table.add_row(

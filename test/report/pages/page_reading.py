@@ -2,6 +2,13 @@
 
 from html.parser import HTMLParser
 
+from stepdiag_ros.report.pages.sections import sections
+
+
+def sections_without_archive():
+    """Return the sections of a page for which no archive was named."""
+    return [one for one in sections() if one.name != "history"]
+
 
 class ReadPage(HTMLParser):
     """What stands in a page.

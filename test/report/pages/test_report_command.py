@@ -23,7 +23,7 @@ import pytest
 from cells_for_tests import by_noise_alone
 from matplotlib.backends.backend_agg import RendererAgg
 from PIL import Image
-from report.pages.page_reading import ReadPage
+from report.pages.page_reading import ReadPage, sections_without_archive
 from standard_runs import RUN_ID, write_bag
 
 from stepdiag_ros import open_run, schemas
@@ -154,12 +154,12 @@ def test_a_report_of_another_run_is_not_replaced_without_a_word(bag, tmp_path, c
 
 
 def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
-    titles = [section.title for section in sections()]
+    titles = [section.title for section in sections_without_archive()]
     numbered = [text for text in page.headings if re.match(r"\d+ ", text)]
     assert numbered == [f"{number} {title}" for number, title in enumerate(titles, 1)]
     assert len(page.sources) >= 14
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
-    assert page.links == [f"#{section.name}" for section in sections()]
+    assert page.links == [f"#{section.name}" for section in sections_without_archive()]
 
 
 def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, solved):
@@ -384,7 +384,7 @@ def test_what_is_not_known_is_gathered(document, page):
         "The number of the machine (--serial).",
     ]
     assert "No weather sensor was recorded." in unknown["Parts that this report lacks"]
-    begin = page.headings.index(f"{len(sections()) - 1} What is not known") + 1
+    begin = page.headings.index(f"{len(sections_without_archive()) - 1} What is not known") + 1
     assert page.headings[begin : begin + len(unknown)] == list(unknown)
     assert page.facts()["Place"] == "unknown"
 
@@ -397,7 +397,7 @@ def test_the_pdf_has_the_sections_page_numbers_and_the_run_on_every_page(folder)
         assert f"{number} / {len(pages)}" in text, f"page {number}"
         assert f"run {RUN_ID}" in text, f"page {number}"
     whole = " ".join(" ".join(pages).split())
-    for number, section in enumerate(sections(), 1):
+    for number, section in enumerate(sections_without_archive(), 1):
         assert f"{number} {section.title}" in whole
     assert "keeps its limit of 50 µm" in whole
 
@@ -422,7 +422,7 @@ def test_the_summary_takes_two_pages_and_its_contents_name_the_page_of_each_anne
     assert "Signatures" in pages[1] and "Conformity" in pages[1]
     named = re.findall(r"(\d+)\. ([^.]+?) *\.{3,} *(\d+)", pages[1])
     assert {int(number): title for number, title, _ in named} == {
-        number: section.title for number, section in enumerate(sections(), 1)
+        number: section.title for number, section in enumerate(sections_without_archive(), 1)
     }
     for number, title, place in named:
         heading = re.compile(rf"^\s*{number} {re.escape(title)}", re.MULTILINE)
@@ -458,7 +458,7 @@ def test_the_summary_has_every_single_error_the_decision_and_who_signs(page, doc
 def test_what_proves_the_software_comes_last_and_keeps_its_place_in_the_document(page, document):
     assert sections()[-1].name == "table_one"
     assert list(document["sections"]).index("table_one") == 3
-    begin = page.text.index(f"{len(sections())} Proofs of the software")
+    begin = page.text.index(f"{len(sections_without_archive())} Proofs of the software")
     assert page.text.index("Table 1 (Ibaraki & Hata 2010)") > begin
 
 

@@ -208,14 +208,15 @@ def test_on_a_wide_screen_the_curves_are_above_the_fold_and_every_card_is_filled
     cell.wait(lambda: wide.locator(".curve canvas").count() == 9, "the curves are drawn")
     bottom = "document.getElementById('curves').getBoundingClientRect().bottom"
     cell.wait(lambda: wide.evaluate(bottom) <= 900, "the curves end above the fold")
-    filled = wide.evaluate(
+    empty = wide.evaluate(
         "Object.fromEntries([...document.querySelectorAll('main section')].map(card => {"
         " const whole = card.getBoundingClientRect();"
         " const ends = [...card.children].map(one => one.getBoundingClientRect().bottom);"
-        " return [card.id, (Math.max(...ends) - whole.top) / whole.height]; }))"
+        " const inner = whole.bottom - parseFloat(getComputedStyle(card).paddingBottom);"
+        " return [card.id, (inner - Math.max(...ends)) / whole.height]; }))"
     )
-    assert len(filled) == 10
-    assert min(filled.values()) > 0.85, filled
+    assert len(empty) == 10
+    assert max(empty.values()) < 0.15, empty
     wide.context.close()
 
 
