@@ -175,7 +175,7 @@ def _two_workers() -> Iterator[Any]:
         yield client
 
 
-def speed(rounds: int, bags: int = 8) -> Iterator[dict[str, Any]]:
+def speed(rounds: int, bags: int = 40) -> Iterator[dict[str, Any]]:
     """Compare a loop with two workers; both write catalogues, which must be equal to the byte."""
     ratios, costs, contents = [], [], []
 

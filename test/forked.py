@@ -147,9 +147,6 @@ def job_of(wanted: dict[str, Any]) -> Job | None:
     if command[:2] != [sys.executable, "-m"] or not of_ours:
         return None
     environment = dict(os.environ if wanted["env"] is None else wanted["env"])
-    # Packages from elsewhere are imported only by a process that was started there.
-    if {*filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))} - {*sys.path, ROOT}:
-        return None
     prepare = wanted["preexec_fn"]
     try:
         pickle.dumps(prepare)
@@ -204,6 +201,8 @@ def _become(job: Job, files: list[int], between: int) -> Job:
     os.chdir(job.folder)
     os.environ.clear()
     os.environ.update(job.environment)
+    given = job.environment.get("PYTHONPATH", "").split(os.pathsep)
+    sys.path[:0] = [one for one in given if one not in ("", ROOT, *sys.path)]
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.stdin = open(0, closefd=False)  # noqa: SIM115
     sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115

@@ -56,9 +56,14 @@ class Place:
 
     def names(self, folder: str) -> list[str]:
         """Return the files in a folder and below it, as names in the place, in order."""
-        self._fs.invalidate_cache()
-        start = len(self._root) + 1
-        return sorted(str(path)[start:] for path in self._fs.find(f"{self._root}/{folder}"))
+        start, top = len(self._root) + 1, f"{self._root}/{folder}"
+        if self.is_local:
+            # Names alone: fsspec asks for, and holds, all that is known of each file.
+            paths = [f"{at}/{file}" for at, _, files in os.walk(top) for file in files]
+        else:
+            self._fs.invalidate_cache()
+            paths = [str(path) for path in self._fs.find(top)]
+        return sorted(path[start:] for path in paths)
 
     def read(self, name: str) -> bytes:
         """Return the bytes of a file.

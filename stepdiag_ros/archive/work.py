@@ -164,13 +164,15 @@ def _different(catalogue: Catalogue) -> list[str]:
 
 def _take(place: Place, bag: Path, known: dict[str, str]) -> tuple[str, str]:
     """Put a bag, and a seal beside it, into the place; return its SHA-256 and its earlier name."""
-    split = [one for one in bag.parent.iterdir() if one.name.endswith(SUFFIXES)]
-    if (bag.parent / METADATA_FILE).exists() and len(split) > 1:
-        raise Refusal(
-            f"{bag} is one of {len(split)} files of a bag: join them with 'ros2 bag convert' and"
-            " add the whole",
-            fault="unsupported",
-        )
+    # A folder of thousands of bags is not listed for each of them.
+    if (bag.parent / METADATA_FILE).exists():
+        split = [one for one in bag.parent.iterdir() if one.name.endswith(SUFFIXES)]
+        if len(split) > 1:
+            raise Refusal(
+                f"{bag} is one of {len(split)} files of a bag: join them with 'ros2 bag convert'"
+                " and add the whole",
+                fault="unsupported",
+            )
     if not bag.name.endswith(SUFFIXES):
         raise Refusal(
             f"{bag} is not a bag (.mcap): 'stepdiag import' makes one of it", fault="wrong_kind"

@@ -11,7 +11,7 @@ would hardly give any family such evidence. What it is worth is then written dow
 shapes, and what these leave is looked at in the same way.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from stepdiag_ros.metrology.discrepancy.baseline import Whitened
+from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail_of
 from stepdiag_ros.metrology.discrepancy.findings import Dependence
 from stepdiag_ros.metrology.discrepancy.loose import span_beyond, unit_span
@@ -154,8 +154,7 @@ class Describer:
 
     def _dependence(self, gap: Vector, span: Vector) -> tuple[Dependence | None, _Written | None]:
         besides = self._besides(span)
-        tried = [self._weigh(each, gap, besides[each.senses]) for each in self._families]
-        weighed = [one for one in (*tried, self._window(gap, span)) if one]
+        weighed = [*self._weigh_all(gap, besides), *self._window(gap, span)]
         if not weighed:
             return None, None
         weighed.sort(key=lambda one: -one.evidence)
@@ -223,10 +222,7 @@ class Describer:
         Whether a shape is per hour, per kelvin or a rotation, its typical amplitudes are then those
         of the displacements.
         """
-        raw = columns_of(acts_on, shapes, self._stops, self._factors)
-        largest = np.max(np.abs(raw), axis=0)
-        raw /= np.where(largest > 0.0, largest, 1.0)
-        return raw
+        return _of_size_one(columns_of(acts_on, shapes, self._stops, self._factors))
 
     def _left(
         self, acts_on: str, shapes: Sequence[str], span: Vector
@@ -239,31 +235,59 @@ class Describer:
         real = np.linalg.norm(left, axis=0) > _HIDDEN * before
         return left[:, real], real
 
-    def _weigh(self, family: Family, gap: Vector, span: Vector, tried: int = 1) -> _Weighed | None:
-        """Weigh a family by the products of its columns alone: most families are weighed once."""
-        gap = gap - span @ (span.T @ gap)
-        raw = self._columns(family.acts_on, family.shapes)
-        columns = self._problem.of(raw[self._problem.baseline.good])
-        free = np.vstack([self._problem.span.T @ columns, span.T @ columns])
-        product = columns.T @ columns
-        left = product - free.T @ free
-        real = np.diag(left) > _HIDDEN**2 * np.diag(product)
-        count = np.count_nonzero(real)
-        if not count:
-            return None
-        values, vectors = _axes(left[np.ix_(real, real)] / count)
-        parts = vectors.T @ (columns[:, real].T @ gap) / np.sqrt(count)
-        (evidence,) = self._evidence(family, tried, values, parts[:, None] ** 2 / values[:, None])
-        return _Weighed(family, float(evidence), tried)
+    def _weigh_all(self, gap: Vector, besides: Mapping[_Senses, Vector]) -> list[_Weighed]:
+        """Weigh all families that show in the readings, in their order."""
+        alike = defaultdict(list)
+        for number, one in enumerate(self._families):
+            alike[one.senses, len(one.shapes)].append(number)
+        found: dict[int, _Weighed] = {}
+        for (senses, shapes), numbers in alike.items():
+            most = max(AT_ONCE // shapes, 1)
+            for start in range(0, len(numbers), most):
+                some = numbers[start : start + most]
+                here = [self._families[one] for one in some]
+                found |= zip(some, self._weigh(here, gap, besides[senses]), strict=True)
+        return [found[number] for number in sorted(found) if found[number].evidence > -np.inf]
 
-    def _window(self, gap: Vector, span: Vector) -> _Weighed | None:
+    def _weigh(
+        self, families: Sequence[Family], gap: Vector, span: Vector, tried: int = 1
+    ) -> list[_Weighed]:
+        """Weigh families that have as many shapes, by the products of their columns alone.
+
+        The evidence of one that does not show in the readings is minus infinity.
+        """
+        gap = gap - span @ (span.T @ gap)
+        some = [columns_of(one.acts_on, one.shapes, self._stops, self._factors) for one in families]
+        columns = self._problem.of(_of_size_one(np.hstack(some))[self._problem.baseline.good])
+        free = np.vstack([self._problem.span.T @ columns, span.T @ columns])
+        # Families × columns of each × columns of each.
+        each = (len(families), -1)
+        product = _products_of(columns, *each)
+        left = product - _products_of(free, *each)
+        real = np.einsum("fkk->fk", left) > _HIDDEN**2 * np.einsum("fkk->fk", product)
+        count = np.maximum(np.count_nonzero(real, axis=1), 1)
+        left *= (real[:, :, None] & real[:, None, :]) / count[:, None, None]
+        values, vectors = np.linalg.eigh(left)
+        seen = values > _RANK_LIMIT * values[:, -1:]
+        along = np.where(real, (columns.T @ gap).reshape(each), 0.0) / np.sqrt(count)[:, None]
+        parts = np.einsum("fki,fk->fi", vectors, along)
+        squares = np.where(seen, parts**2 / np.where(seen, values, 1.0), 0.0)
+        evidence = _averaged(np.where(seen, values, 0.0), squares)
+        evidence[~np.any(real, axis=1)] = -np.inf
+        return [
+            _Weighed(one, float(of_it) - self._price(one, tried), tried)
+            for one, of_it in zip(families, evidence, strict=True)
+        ]
+
+    def _window(self, gap: Vector, span: Vector) -> list[_Weighed]:
         """Weigh the window of time that fits best, as one of all that were tried."""
         if not np.all(np.isfinite(self._stops.time)):
-            return None
+            return []
         best = best_window(self._problem, self._stops, gap, span)
         if best is None:
-            return None
-        return self._weigh(window(best.begin, best.end), gap, span, best.tried)
+            return []
+        weighed = self._weigh([window(best.begin, best.end)], gap, span, best.tried)
+        return [one for one in weighed if one.evidence > -np.inf]
 
     def _luck(self, weighed: _Weighed, span: Vector) -> Vector:
         """Return the evidence that noise gives a family in each draw, shape (draws,)."""
@@ -281,22 +305,8 @@ class Describer:
             draws = chi2.isf(chance, 1)
         else:
             draws = self._rng.standard_normal((len(values), _DRAWS)) ** 2
-        return self._evidence(family, weighed.tried, values, draws * slow / self._variance)
-
-    def _evidence(self, family: Family, tried: int, values: Vector, squares: Vector) -> Vector:
-        """Return the evidence of a family, averaged over its size, shape (cases,).
-
-        Args:
-            family: to weigh.
-            tried: number of families of which it is the best.
-            values: squared lengths of its independent columns, shape (k,).
-            squares: what χ² loses by each column in each case, shape (k, cases).
-        """
-        spread = 1.0 + _SIZES[:, None] ** 2 * values
-        evidence = (0.5 - 0.5 / spread) @ squares - 0.5 * np.sum(np.log(spread), axis=1)[:, None]
-        largest = np.max(evidence, axis=0)
-        mean: Vector = largest + np.log(np.mean(np.exp(evidence - largest), axis=0))
-        return mean - self._price(family, tried)
+        evidence = _averaged(values, (draws * slow / self._variance).T)
+        return evidence - self._price(family, weighed.tried)
 
     def _price(self, family: Family, tried: int) -> float:
         """Return the evidence that a family costs as one of those with as many quantities."""
@@ -340,6 +350,38 @@ def _exchanged(left: Vector, gap: Vector, chosen: list[int]) -> list[int]:
         others = [one for number, one in enumerate(chosen) if number != place]
         chosen[place] = int(np.argmax(_gains(left, gap, others)))
     return chosen
+
+
+def _averaged(values: Vector, squares: Vector) -> Vector:
+    """Return evidence, averaged over the size of the amplitudes, shape (cases,).
+
+    Args:
+        values: squared lengths of independent columns, of all cases or of each, shape (k,) or
+            (cases, k).
+        squares: what χ² loses by each column in each case, shape (cases, k).
+    """
+    spread = 1.0 + np.multiply.outer(_SIZES**2, np.atleast_2d(values))
+    gain = np.einsum(
+        "sck,ck->sc", np.broadcast_to(0.5 - 0.5 / spread, (len(_SIZES), *squares.shape)), squares
+    )
+    evidence = gain - 0.5 * np.sum(np.log(spread), axis=-1)
+    largest = np.max(evidence, axis=0)
+    mean: Vector = largest + np.log(np.mean(np.exp(evidence - largest), axis=0))
+    return mean
+
+
+def _of_size_one(raw: Vector) -> Vector:
+    """Return columns, each divided by its largest magnitude if it is not zero."""
+    largest = np.max(np.abs(raw), axis=0)
+    made: Vector = raw / np.where(largest > 0.0, largest, 1.0)
+    return made
+
+
+def _products_of(columns: Vector, families: int, each: int) -> Vector:
+    """Return the products of the columns of each family, shape (families, each, each)."""
+    cube = columns.reshape(len(columns), families, each).transpose(1, 0, 2)
+    made: Vector = cube.transpose(0, 2, 1) @ cube
+    return made
 
 
 def _axes(gram: Vector) -> tuple[Vector, Vector]:

@@ -89,7 +89,14 @@ def patterns(
     found: list[Pattern] = []
     gains: list[float] = []
     for _ in range(_MOST):
-        scored = [_fit(left[:, block], gap, length[block]) for block in blocks]
+        first, least = _gains(left, gap, length)[0], _least(gap)
+        # Of most blocks no column is worth it.
+        scored = [
+            _fit(left[:, block], gap, length[block])
+            if np.max(first[block], initial=0.0) >= least
+            else (0.0, [], np.zeros((len(gap), 0)))
+            for block in blocks
+        ]
         scores = [_score(gain, basis.shape[1], len(gap)) for gain, _, basis in scored]
         alike = _alike(trials, scores, [len(one[1]) for one in scored])
         best = alike[0]
@@ -178,14 +185,10 @@ def _fit(columns: Vector, gap: Vector, length: Vector) -> tuple[float, list[int]
     chosen: list[int] = []
     total = 0.0
     while len(chosen) < left.shape[1]:
-        squares = np.sum(left**2, axis=0)
-        usable = squares > _ABSORBED * length
-        usable[chosen] = False
-        if not np.any(usable):
-            break
-        gains = np.where(usable, (left.T @ gap) ** 2 / np.where(usable, squares, 1.0), 0.0)
+        gains, squares = _gains(left, gap, length)
+        gains[chosen] = 0.0
         best = int(np.argmax(gains))
-        if gains[best] < max(2.0 * np.log(len(gap)), _LEAST_OF_LINE * total):
+        if gains[best] < max(_least(gap), _LEAST_OF_LINE * total):
             break
         unit = left[:, best] / np.sqrt(squares[best])
         basis.append(unit)
@@ -194,6 +197,24 @@ def _fit(columns: Vector, gap: Vector, length: Vector) -> tuple[float, list[int]
         left -= np.outer(unit, unit @ left)
     matrix = np.column_stack(basis) if basis else np.zeros((len(gap), 0))
     return total, chosen, matrix
+
+
+def _gains(left: Vector, gap: Vector, length: Vector) -> tuple[Vector, Vector]:
+    """Return what χ² loses by each column alone, and squared lengths, shape (k,) each.
+
+    Args:
+        left: columns beyond what is free, shape (rows, k).
+        gap: shape (rows,).
+        length: squared lengths of the columns before, shape (k,).
+    """
+    squares = np.einsum("ij,ij->j", left, left)
+    usable = squares > _ABSORBED * length
+    return np.where(usable, (left.T @ gap) ** 2 / np.where(usable, squares, 1.0), 0.0), squares
+
+
+def _least(gap: Vector) -> float:
+    """Return what χ² must lose by a column that is worth it."""
+    return 2.0 * float(np.log(len(gap)))
 
 
 def _lines(trial: _Trial, chosen: list[int], stops: Stops) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ are few and are used to find on what the gap depends; the fine ones to write it 
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import combinations, product
 
 import numpy as np
@@ -297,7 +297,7 @@ def columns_of(
     """
     made = np.empty((len(stops.time), len(shapes)))
     for place, shape in enumerate(shapes):
-        made[:, place] = np.prod([factors[one] for one in shape.split(TIMES)], axis=0)
+        made[:, place] = reduce(np.multiply, [factors[one] for one in shape.split(TIMES)])
     if acts_on in ROTATIONS:
         axis = moving_axis(acts_on)
         turned = np.cross(np.eye(3)["ABC".index(acts_on[2])], stops.direction)

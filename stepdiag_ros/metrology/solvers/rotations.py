@@ -32,8 +32,7 @@ from stepdiag_ros.metrology.solvers.summary import CurveEstimate
 
 SHOWN = 0.01
 """Probability of a gain below which a run counts as showing rotations."""
-_SIZES = 60
-_SMALLEST, _LARGEST = 1e-3, 30.0
+_RATIOS = np.geomspace(1e-3, 30.0, 60)
 """Sizes s that are averaged over, as multiples of the plausible one."""
 _STUDENT = 4.0
 """Degrees of freedom of the plausible size's distribution."""
@@ -427,7 +426,7 @@ def _sizes(values: Vector, parts: Vector, plausible: float) -> tuple[Vector, Vec
     """
     if not plausible:
         return np.ones(1), np.zeros(1)
-    sizes = plausible * np.geomspace(_SMALLEST, _LARGEST, _SIZES)
+    sizes = plausible * _RATIOS
     square = sizes[:, None] ** 2
     spread = 1.0 + square * values
     # Sizes in equal ratios: the last term is their density.
