@@ -164,13 +164,13 @@ def catalogue_table() -> str:
 
 
 def solvers_table() -> str:
-    """Return the solvers of the package: title, the lines that each needs, and its source."""
-    rows = ["| method | title | needs | source |", "|---|---|---|---|"]
-    rows += [
-        f"| `{one.name}` | {one.title} | {one.needs} | {one.source} |"
-        for one in own_methods()
-        if one.solve is not None
-    ]
+    """Return the solvers of the package: title, needed lines, source, and function."""
+    rows = ["| method | title | needs | source | function |", "|---|---|---|---|---|"]
+    for one in own_methods():
+        if one.solve is not None:
+            module = one.solve.__module__.removeprefix("stepdiag_ros.")
+            function = f"`{module}.{one.solve.__name__}`"
+            rows.append(f"| `{one.name}` | {one.title} | {one.needs} | {one.source} | {function} |")
     return block(rows)
 
 

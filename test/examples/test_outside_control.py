@@ -1,31 +1,24 @@
-"""A control of another package: installed, tables are made for it as for our own.
+"""A control of another package, as ``docs/compensation.md`` has it: tables are made as for our own.
 
 It writes what the generic one does, under a name of its own. Every command runs in a process of its
 own.
 """
 
 import json
+import re
 
 import pytest
 from other_package import ROOT, install, stepdiag
 
 RUN = ROOT / "docs" / "examples" / "small_run.mcap"
+PAGE = (ROOT / "docs" / "compensation.md").read_text(encoding="utf-8")
 NAME, TITLE = "workbench", "error map for the workbench"
-MODULE = f"""
-from stepdiag_ros.compensation.generic import CONTROL as GENERIC
-
-
-class Workbench(type(GENERIC)):
-    name = "{NAME}"
-    title = "{TITLE}"
-
-
-CONTROL = Workbench()
-"""
+(MODULE,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+GROUP, KEY, VALUE = re.search(r'entry-points."(\S+)"]\n(\w+) = "(\S+)"', PAGE).groups()
 
 
 def _install(folder, module):
-    points = {"stepdiag_ros.controls": {NAME: "workbench_control:CONTROL"}}
+    points = {GROUP: {KEY: VALUE}}
     install(folder, "workbench-control", {"workbench_control": module}, points)
     return folder
 
