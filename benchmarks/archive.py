@@ -1,14 +1,14 @@
 """Measures an archive: cost and memory a bag, queries over a million runs, Dask beside a loop.
 
-    python benchmarks/archive.py [--only growth|driver|queries|speed|deaths]
+    python benchmarks/archive.py [--only growth|driver|queries|speed|deaths] [--bag RUN.mcap]
 
 growth: bags of some bytes, whose rows are made up, are added by one process; the time of solving,
 which is the same for each bag, is left out, so that what grows would show. Processor time, since
 other work on the computer does not count in it. driver: tasks that do nothing, on two workers.
 queries: rows made by DuckDB; judged by processor time, in which a computer without other work
-answers. speed: the small run of the tests, evaluated again and again, in turns by a loop and by two
-workers that have imported everything; ratios are of one round. deaths: one of two workers is killed
-ten times. The exit code is 1 if a bar of the table is missed.
+answers. speed: copies of a bag (``--bag``), evaluated in turns by a loop and by two workers that
+have imported everything; ratios are of one round, and need two processors that do nothing else.
+deaths: one of two workers is killed ten times. The exit code is 1 if a bar of the table is missed.
 """
 
 import argparse
@@ -30,10 +30,12 @@ from pathlib import Path
 from typing import Any
 
 from distributed import Client
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 sys.path.append(str(Path(__file__).parents[1] / "test"))
 
-from archive_runs import rows_made_up, work_of_a_while, write_bag
+from archive_runs import rows_made_up, work_of_a_while
 
 from stepdiag_ros import __version__
 from stepdiag_ros.archive import work
@@ -42,6 +44,7 @@ from stepdiag_ros.archive.engine import Engine, each, local_cluster
 from stepdiag_ros.archive.place import Place
 from stepdiag_ros.archive.rows import Rows
 
+EXAMPLE = Path(__file__).parents[1] / "docs" / "examples" / "small_run.mcap"
 _MACHINES = 400
 _RUNS = 1_000_000
 _PARTS = 100
@@ -175,7 +178,37 @@ def _two_workers() -> Iterator[Any]:
         yield client
 
 
-def speed(rounds: int, bags: int = 40) -> Iterator[dict[str, Any]]:
+def _copies(bag: Path, folder: Path, number: int) -> list[Path]:
+    """Return copies of a bag that differ in a word of their first record."""
+    made = [folder / f"{one}.mcap" for one in range(number)]
+    for path in made:
+        with bag.open("rb") as source, path.open("wb") as target:
+            reader, writer = make_reader(source), Writer(target)
+            summary, header = reader.get_summary(), reader.get_header()
+            assert summary is not None
+            writer.start(profile=header.profile, library=f"{header.library}, copy {path.stem}")
+            schemas = {
+                one.id: writer.register_schema(one.name, one.encoding, one.data)
+                for one in summary.schemas.values()
+            }
+            channels = {
+                one.id: writer.register_channel(
+                    one.topic, one.message_encoding, schemas[one.schema_id], one.metadata
+                )
+                for one in summary.channels.values()
+            }
+            for record in reader.iter_metadata():
+                writer.add_metadata(record.name, record.metadata)
+            for _, channel, one in reader.iter_messages(log_time_order=False):
+                channel_id = channels[channel.id]
+                writer.add_message(
+                    channel_id, one.log_time, one.data, one.publish_time, one.sequence
+                )
+            writer.finish()
+    return made
+
+
+def speed(rounds: int, bag: Path, bags: int = 12) -> Iterator[dict[str, Any]]:
     """Compare a loop with two workers; both write catalogues, which must be equal to the byte."""
     ratios, costs, contents = [], [], []
 
@@ -183,9 +216,7 @@ def speed(rounds: int, bags: int = 40) -> Iterator[dict[str, Any]]:
         return time.process_time() + sum(client.run(time.process_time).values())
 
     with tempfile.TemporaryDirectory() as folder, _two_workers() as client:
-        files = [
-            write_bag(Path(folder) / f"{one}.mcap", copy=one, streams=True) for one in range(bags)
-        ]
+        files = _copies(bag, Path(folder), bags)
         source = Place(f"{folder}/source")
         both = Engine(scheduler=client.scheduler.address), Engine(workers=1)
         list(work.add(source, files, both[0]))  # workers import what they need
@@ -241,6 +272,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", choices=PARTS, action="append")
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--bag", type=Path, default=EXAMPLE, help="copied for speed")
     parser.add_argument("--part", nargs=2, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.part:
@@ -248,7 +280,8 @@ def main() -> int:
         return 0
     table = []
     for name in arguments.only or PARTS:
-        for row in PARTS[name](arguments.rounds):
+        further = (arguments.bag,) if name == "speed" else ()
+        for row in PARTS[name](arguments.rounds, *further):
             print(f"{row['what']}: {row['figure']}", file=sys.stderr)
             table.append(row)
     print(json.dumps(table, indent=2))
