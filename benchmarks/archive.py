@@ -45,6 +45,7 @@ from stepdiag_ros.archive.place import Place
 from stepdiag_ros.archive.rows import Rows
 
 EXAMPLE = Path(__file__).parents[1] / "docs" / "examples" / "small_run.mcap"
+_MOST = 10_000
 _MACHINES = 400
 _RUNS = 1_000_000
 _PARTS = 100
@@ -61,7 +62,7 @@ _HISTORY = (
 def growth(rounds: int) -> Iterator[dict[str, Any]]:
     found: dict[int, list[tuple[float, float]]] = {}
     for _ in range(rounds):
-        for bags in (100, 1_000, 10_000):
+        for bags in (100, 1_000, _MOST):
             found.setdefault(bags, []).append(_alone("add", bags))
     yield from _flat("adding a bag, processor", found)
 
@@ -95,7 +96,9 @@ def add(number: int) -> None:
     """Add bags with rows that are made up; print ms for each and peak memory."""
     work.rows_of_bag = rows_made_up
     with tempfile.TemporaryDirectory() as folder:
-        bags = [Path(folder) / f"{one}.mcap" for one in range(number + 1)]
+        # As many names each time: the list that is given is no part of what grows.
+        names = [Path(folder) / f"{one}.mcap" for one in range(_MOST + 1)]
+        bags = names[: number + 1]
         for bag in bags:
             bag.write_bytes(bag.name.encode())
         place = Place(f"{folder}/archive")
