@@ -59,11 +59,10 @@ class Place:
         start, top = len(self._root) + 1, f"{self._root}/{folder}"
         if self.is_local:
             # Names alone: fsspec asks for, and holds, all that is known of each file.
-            paths = [f"{at}/{file}" for at, _, files in os.walk(top) for file in files]
-        else:
-            self._fs.invalidate_cache()
-            paths = [str(path) for path in self._fs.find(top)]
-        return sorted(path[start:] for path in paths)
+            paths = (f"{at}/{file}" for at, _, files in os.walk(top) for file in files)
+            return sorted(path[start:] for path in paths)
+        self._fs.invalidate_cache()
+        return sorted(str(path)[start:] for path in self._fs.find(top))
 
     def read(self, name: str) -> bytes:
         """Return the bytes of a file.
