@@ -24,7 +24,14 @@ from stepdiag_ros.report.documents.run import report_json
 from stepdiag_ros.report.tables.run import print_report
 from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import plus_minus
-from stepdiag_ros.words.lead import from_here, next_lines, next_steps, sentences_of, size_sentences
+from stepdiag_ros.words.lead import (
+    coverage_sentences,
+    from_here,
+    next_lines,
+    next_steps,
+    sentences_of,
+    size_sentences,
+)
 
 U_NODE = 5e-8
 COMMON = 3e-8
@@ -199,13 +206,16 @@ def test_the_last_lines_say_it_in_short_and_what_to_run_next():
     lines = [line.rstrip() for line in stream.getvalue().splitlines()]
     place = lines.index("In short:")
     lead = lead_of(report)
-    assert lines[place + 1 :] == [*sentences_of(lead), *next_lines(lead)]
+    assert lines[place + 1 :] == [
+        *(*sentences_of(lead), *coverage_sentences(lead), *next_lines(lead))
+    ]
     assert any("not solved, too little" in line for line in lines[:place])
-    commands = [line.split("  ")[1] for line in lines[-3:]]
+    commands = [line.split("  ")[1] for line in lines[-4:]]
     assert commands == [
         "stepdiag diagnose 'my runs/one.mcap'",
         "stepdiag report 'my runs/one.mcap'",
         "stepdiag monitor 'my runs/one.mcap'",
+        "stepdiag report 'my runs/one.mcap' --tolerance UM",
     ]
 
 
@@ -216,7 +226,7 @@ def test_a_command_is_one_line_whatever_the_width(width):
     commands = [one.command for one in next_steps(lead) if one.command]
     lines = next_lines(lead, width)
     for command in commands:
-        (line,) = [line for line in lines if command in line]
+        (line,) = [line for line in lines if f"{line}  ".startswith(f"  {command}  ")]
         assert width < 200 or line != f"  {command}"
     assert all(len(line) <= width or line.strip() in commands for line in lines)
     words = " ".join(" ".join(lines).split())
