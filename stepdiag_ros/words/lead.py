@@ -28,7 +28,10 @@ from stepdiag_ros.text.terminal import fitted
 _MOST_ERRORS = 3
 _MOST_MISSING = 6
 _REPORT = ("report {}", "the report to hand over: HTML, PDF, JSON")
-_JUDGE = ("report {} --tolerance UM", "does the machine conform? Nothing has judged it yet")
+_NOT_JUDGED = (
+    "report {}",
+    "to hand over; the machine is not judged yet: --tolerance UM judges it",
+)
 _SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
 _MONITOR = ("monitor {}", "the run again, in the browser")
 _TESTED = {
@@ -85,8 +88,11 @@ def size_sentences(lead: RunLead) -> list[str]:
 
 
 def coverage_sentences(lead: RunLead) -> list[str]:
-    """Say what the ± of a result without an uncertainty budget contain; nothing without a ±."""
-    if not lead.solved or not (lead.errors or lead.volume):
+    """Say what the ± of a result without an uncertainty budget contain; nothing without a ±.
+
+    A run with a tracker states that in its own words.
+    """
+    if not lead.solved or lead.tracked or not (lead.errors or lead.volume):
         return []
     return [
         f"± (95 %): of the readings, of pitch, yaw and roll, and of {laser_scale(ORDINARY)}. Other"
@@ -112,10 +118,9 @@ def next_steps(lead: RunLead) -> list[NextStep]:
         *(_after_verdict(lead) if more_acts else []),
         *_for_unknown(lead),
         *([] if more_acts else _after_verdict(lead)),
-        _REPORT,
+        _REPORT if lead.volume is None or lead.tracked else _NOT_JUDGED,
         _MONITOR,
         *_compensation(lead),
-        *([_JUDGE] if lead.volume is not None else []),
     ]
     bag = shlex.quote(str(lead.bag))
     return [NextStep(command and f"stepdiag {command.format(bag)}", why) for command, why in named]

@@ -16,12 +16,13 @@ from stepdiag_ros.evaluation.single_errors import expanded_of_curve, single_erro
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.plausible import PLAUSIBLE_SCALE, PLAUSIBLE_SHIFT
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded
 from stepdiag_ros.report.documents.run import report_json
-from stepdiag_ros.report.tables.run import print_report
+from stepdiag_ros.report.tables.run import print_report, print_summary
 from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.words.lead import (
@@ -210,12 +211,11 @@ def test_the_last_lines_say_it_in_short_and_what_to_run_next():
         *(*sentences_of(lead), *coverage_sentences(lead), *next_lines(lead))
     ]
     assert any("not solved, too little" in line for line in lines[:place])
-    commands = [line.split("  ")[1] for line in lines[-4:]]
+    commands = [line.split("  ")[1] for line in lines[-3:]]
     assert commands == [
         "stepdiag diagnose 'my runs/one.mcap'",
         "stepdiag report 'my runs/one.mcap'",
         "stepdiag monitor 'my runs/one.mcap'",
-        "stepdiag report 'my runs/one.mcap' --tolerance UM",
     ]
 
 
@@ -273,3 +273,23 @@ def test_a_path_is_named_as_seen_from_the_present_folder(tmp_path, monkeypatch):
     # Outside of it a path stays as it was given.
     assert from_here(tmp_path / "b.mcap") == tmp_path / "b.mcap"
     assert from_here(Path("../b.mcap")) == Path("../b.mcap")
+
+
+def test_what_nothing_has_judged_is_said_with_the_option_that_does():
+    lead = lead_of(make_report(results=(returning(),), bag=Path("run.mcap")))
+    (step,) = [one for one in next_steps(lead) if one.command.startswith("stepdiag report")]
+    assert "--tolerance" in step.why
+    # A tolerance is for error curves of lines: refused for a tracker, useless without a volume.
+    for other in (replace(lead, tracked=True), replace(lead, volume=None)):
+        assert not any("--tolerance" in one.why for one in next_steps(other))
+
+
+def test_the_first_screen_says_which_uncertainty_it_prints():
+    lead = lead_of(make_report(results=(returning(),)))
+    (said,) = coverage_sentences(lead)
+    size = np.hypot(PLAUSIBLE_SCALE, PLAUSIBLE_SHIFT) * 1e6
+    assert f"{size:.2f} µm/m" in said and "stepdiag budget" in said and "stepdiag report" in said
+    assert not coverage_sentences(lead_of(make_report(results=())))
+    stream = io.StringIO()
+    print_summary(make_report(results=(returning(),)), make_console(stream))
+    assert said in stream.getvalue()
