@@ -16,7 +16,7 @@ from stepdiag_ros.evaluation.single_errors import expanded_of_curve, single_erro
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
-from stepdiag_ros.metrology.plausible import PLAUSIBLE_SCALE, PLAUSIBLE_SHIFT
+from stepdiag_ros.metrology.plausible import PLAUSIBLE_SCALE, PLAUSIBLE_SHIFT, Plausible
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
@@ -293,3 +293,17 @@ def test_the_first_screen_says_which_uncertainty_it_prints():
     stream = io.StringIO()
     print_summary(make_report(results=(returning(),)), make_console(stream))
     assert said in stream.getvalue()
+
+
+def test_rotations_that_no_line_shows_have_the_size_that_the_machine_states():
+    lines = simulate(load_plan("quick")[0], load_cell("demo")[0], seed=1)
+    far = dict.fromkeys(TRANSLATIONS, np.linspace(0.0, 4e-6, BLOCKS + 1))
+    far["E_ZX"] = far["E_ZY"] = far["E_ZZ"] = 2.0 * far["E_XX"]
+    report = make_report(results=(replace(returning(), curves=far),), chain="")
+    found = [
+        lead_of(
+            replace(report, measurement=replace(lines, plausible=Plausible(size)))
+        ).expanded_uncertainty
+        for size in (0.0, 3e-6, 30e-6)
+    ]
+    assert found[0] < found[1] < found[2]

@@ -208,9 +208,21 @@ def _basis(material: Material) -> str:
         "Each ± on this page and the next is the larger of two. The first"
         f"{narrow} contains the scatter of the readings, {scale}, and pitch, yaw and roll as far as"
         " the readings of this run leave them open; stepdiag solve, stepdiag volumetric and tables"
-        f" headed '{WITHOUT_BUDGET}' show it. The second{wide} is U of the uncertainty budget. It"
-        " contains pitch, yaw and roll in their whole plausible size, even where the readings show"
-        f" that they are smaller. {_of_laser(material)}{_plausible_size(material)}"
+        f" headed '{WITHOUT_BUDGET}' show it. The second{wide} is U of the uncertainty budget."
+        f" {_of_rotations(material)} {_of_laser(material)} {_plausible_size(material)}"
+    )
+
+
+def _of_rotations(material: Material) -> str:
+    """Say what the budget contains of pitch, yaw and roll."""
+    if not material.report.chain:
+        return (
+            "It does not contain pitch, yaw and roll, because the order of the machine's axes is"
+            " not known, and is a lower bound."
+        )
+    return (
+        "It contains pitch, yaw and roll in their whole plausible size, even where the readings"
+        " show that they are smaller."
     )
 
 
@@ -251,7 +263,7 @@ def _plausible_size(material: Material) -> str:
         turning = [one.group == ANGULAR for one in material.budget.budget.sources]
         if 2.0 * np.nansum(largest.contributions[turning] ** 2) > largest.standard_uncertainty**2:
             most = ". Most of the U of the largest error comes from it"
-    return f" {meaning} {source}{most}."
+    return f"{meaning} {source}{most}."
 
 
 def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:

@@ -219,8 +219,11 @@ class Material:
     @cached_property
     def accuracies(self) -> Mapping[str, VolumetricAccuracy]:
         """Return the longest error vector in the volume by every method."""
-        chain = self.report.chain
-        return {one.method: of_result(one, chain) for one in self.report.ordered_results()}
+        report = self.report
+        return {
+            one.method: of_result(one, report.chain, report.plausible)
+            for one in report.ordered_results()
+        }
 
     @cached_property
     def accuracy(self) -> VolumetricAccuracy | None:
