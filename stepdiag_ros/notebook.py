@@ -107,7 +107,7 @@ def worst_point(report: "Report", method: str = "") -> "VolumetricAccuracy":
     """
     from stepdiag_ros.metrology.standards.volumetric import of_result
 
-    return of_result(_result(report, method), report.chain)
+    return of_result(_result(report, method), report.chain, report.plausible)
 
 
 def diagnose(run: "RecordedRun", model: str = "", *, seed: int = 0) -> "DiagnosisReport":

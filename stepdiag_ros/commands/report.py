@@ -315,6 +315,8 @@ def _given(arguments: Namespace, stated: "Laboratory") -> "Given":
         remark=arguments.remark,
         tolerance=nan if arguments.tolerance is None else arguments.tolerance / IN_MICRO,
         instrument=instrument,
+        laser_serial=stated.instrument.serial,
+        laser_certificate=stated.instrument.certificate,
         instrument_source=instrument.name if arguments.instrument is not None else "",
         conditions=conditions,
         control=arguments.control,

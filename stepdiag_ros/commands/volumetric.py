@@ -58,7 +58,10 @@ def report_of(bag: Path | None, run_id: str | None = None) -> "VolumetricReport"
     if not report.results:
         raise ValueError(f"{bag}: its lines are not enough for any method; see 'stepdiag solve'")
     return VolumetricReport(
-        {one.method: of_result(one, report.chain) for one in report.ordered_results()},
+        {
+            one.method: of_result(one, report.chain, report.plausible)
+            for one in report.ordered_results()
+        },
         str(bag),
         report.run_id,
     )

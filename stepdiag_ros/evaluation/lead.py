@@ -108,7 +108,7 @@ def lead_of(
         )
     rotating = any(name in result.curves for name in ROTATIONS)
     if accuracy is None and (report.chain or not rotating):
-        accuracy = of_result(result, report.chain)
+        accuracy = of_result(result, report.chain, report.plausible)
     if accuracy is not None and not math.isfinite(accuracy.value):
         accuracy = None
     if accuracy is not None and math.isnan(expanded_uncertainty):

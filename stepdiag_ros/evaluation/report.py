@@ -12,6 +12,7 @@ from stepdiag_ros.metrology.curve_set import CurveSet
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance, methods, to_rely_on
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
@@ -138,6 +139,11 @@ class Report:
         """Return the results in the order in which they are shown."""
         order = in_order_of_reliance(one.method for one in self.results)
         return tuple(sorted(self.results, key=lambda one: order.index(one.method)))
+
+    @property
+    def plausible(self) -> Plausible:
+        """Return how large rotations are of which the lines show nothing."""
+        return ORDINARY if self.measurement is None else self.measurement.plausible
 
     def preferred(self) -> VolumetricErrors | None:
         """Return the result to rely on; None without a result of a method to rely on."""

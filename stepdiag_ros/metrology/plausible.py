@@ -20,6 +20,7 @@ by, the same in all setups, and by the air on the beam not being that at the sen
 each.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +87,11 @@ class Plausible:
     scale: float = PLAUSIBLE_SCALE
     shift: float = PLAUSIBLE_SHIFT
     misaligned: bool = True
+
+    @property
+    def one_setup(self) -> float:
+        """Return the standard uncertainty of the laser's relative scale in a single setup."""
+        return math.hypot(self.scale, self.shift)
 
 
 ORDINARY = Plausible()

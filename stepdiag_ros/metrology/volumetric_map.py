@@ -237,7 +237,7 @@ class VolumetricMap(CurveSet):
         """Return what the rotations that are left out add to the covariance, m², (n, 3, 3)."""
         size = weights.shape[-1]
         if self._left_out_known():
-            turning = self._rotation_weights(positions, self.chain)
+            turning = self.rotation_weights(positions)
             # What it tells of the curves themselves is in their covariance.
             turned = turning @ self.turned_factor[size:]
             beside = weights @ self.turned_factor[:size] @ turned.transpose(0, 2, 1)
@@ -280,7 +280,7 @@ class VolumetricMap(CurveSet):
             each = np.einsum("ni,nij,nj->n", along, covariance, along)
             return float(np.sum(np.sqrt(np.maximum(each, 0.0))) ** 2)
         size = weights.shape[-1]
-        turning = self._rotation_weights(positions, self.chain)
+        turning = self.rotation_weights(positions)
         turned = np.einsum("ni,nij->j", along, turning) @ self.turned_factor[size:]
         curves = np.einsum("ni,nij->j", along, weights) @ self.turned_factor[:size]
         return float(turned @ turned + 2.0 * curves @ turned)
@@ -430,8 +430,18 @@ class VolumetricMap(CurveSet):
         weights = self._weights(ways, list(self.curves), self.chain or CHAINS[0])
         return weights, self._unknown(ways) | ~self.inside(places)
 
-    def _rotation_weights(self, positions: Vector, chain: str) -> Vector:
-        return self._weights(self.nearest(positions) - self.low, list(ROTATIONS), chain)
+    def rotation_weights(self, positions: Vector) -> Vector:
+        """Return the derivative of the error by all nine rotations, those that are left out too.
+
+        The chain must be known.
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+
+        Returns:
+            m/rad, shape (n, 3, 9(N+1)), in the order of ``geometry.ROTATIONS``.
+        """
+        return self._weights(self.nearest(positions) - self.low, list(ROTATIONS), self.chain)
 
     def _weights(self, ways: Vector, names: list[str], chain: str) -> Vector:
         arms = levers(ways, chain)

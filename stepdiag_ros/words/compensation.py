@@ -11,6 +11,18 @@ from stepdiag_ros.text.numbers import ARC_SECONDS, UNKNOWN, plain
 _DECIMALS = 3
 
 
+def limit_words(report: CompensationReport) -> str:
+    """Say how well the errors are known that tables correct; empty where that is unknown."""
+    spread = report.remainder.rms_uncertainty
+    if not math.isfinite(spread):
+        return ""
+    return (
+        "The errors in the volume are known to"
+        f" {size_words(spread, 'm')} (rms standard uncertainty): no compensation made from them is"
+        " better than that."
+    )
+
+
 def uncorrected(report: CompensationReport) -> list[str]:
     """Say what the tables do not correct, sentence by sentence, in numbers where known."""
     said = [

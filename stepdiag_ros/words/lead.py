@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     UNEXPLAINED,
 )
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
@@ -27,6 +28,10 @@ from stepdiag_ros.text.terminal import fitted
 _MOST_ERRORS = 3
 _MOST_MISSING = 6
 _REPORT = ("report {}", "the report to hand over: HTML, PDF, JSON")
+_NOT_JUDGED = (
+    "report {}",
+    "to hand over; the machine is not judged yet: --tolerance UM judges it",
+)
 _SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
 _MONITOR = ("monitor {}", "the run again, in the browser")
 _TESTED = {
@@ -82,6 +87,26 @@ def size_sentences(lead: RunLead) -> list[str]:
     return said + _taken_as_zero(lead)
 
 
+def coverage_sentences(lead: RunLead) -> list[str]:
+    """Say what the ± of a result without an uncertainty budget contain; nothing without a ±.
+
+    A run with a tracker states that in its own words.
+    """
+    if not lead.solved or lead.tracked or not (lead.errors or lead.volume):
+        return []
+    return [
+        f"± (95 %): of the readings, of pitch, yaw and roll, and of {laser_scale(ORDINARY)}. Other"
+        " errors of laser, air and setup are not in it: stepdiag report and stepdiag budget have"
+        " the larger U."
+    ]
+
+
+def laser_scale(plausible: Plausible) -> str:
+    """Return the uncertainty of the laser's scale that every result contains, in words."""
+    size = plain(plausible.one_setup * IN_MICRO, 2)
+    return f"the laser's scale (u = {size} µm/m in a setup)"
+
+
 def next_steps(lead: RunLead) -> list[NextStep]:
     """Return what to do next, most urgent first; what comes after it only where it may."""
     if lead.bag is None:
@@ -93,7 +118,7 @@ def next_steps(lead: RunLead) -> list[NextStep]:
         *(_after_verdict(lead) if more_acts else []),
         *_for_unknown(lead),
         *([] if more_acts else _after_verdict(lead)),
-        _REPORT,
+        _REPORT if lead.volume is None or lead.tracked else _NOT_JUDGED,
         _MONITOR,
         *_compensation(lead),
     ]

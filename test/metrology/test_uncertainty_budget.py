@@ -7,16 +7,21 @@ import pytest
 from cells_for_tests import by_noise_alone, make_cell, make_plan
 from refused import refused
 
+from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
+from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
+from stepdiag_ros.metrology.plausible import MODES, modes
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
+from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import (
     coverage_factor,
     effective_degrees_of_freedom,
     make_budget,
 )
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument, Spread, perfect
+from stepdiag_ros.metrology.uncertainty.largest_error import budget_of_largest_error
 from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
 from stepdiag_ros.metrology.uncertainty.sensitivity import sensitivity
 
@@ -322,3 +327,63 @@ def test_what_cannot_be_is_refused(measurement):
     linear_only = replace(measurement, lines=measurement.lines[:12])
     with refused(NotDeterminable, "missing", aspect="lines"):
         make_budget(linear_only, perfect(), "setup_robust")
+
+
+def _rms_error_at_the_worst_place(plan, chain, size, found, draws):
+    """Return how far the length there is off, rms, where nothing acts but rotations of a size."""
+    rng = np.random.default_rng(8)
+    cell = make_cell(
+        *(3, chain), noise=0.0, tilt=0.0, size=0.0, squareness=(0.0, 0.0, 0.0), held=0.0
+    )
+    along = np.array(found.vector) / found.value
+    nodes = [np.linspace(0.0, 0.06, 7)] * 3
+    place, squares = np.array([found.position]), []
+    for _ in range(draws):
+        drawn = (
+            modes(np.linspace(0.0, 1.0, 7)) @ rng.standard_normal((MODES, len(ROTATIONS))) * size
+        )
+        errors = ErrorCurves.from_curves(nodes, dict(zip(ROTATIONS, drawn.T, strict=True)))
+        solved = solve(by_noise_alone(simulate(plan, replace(cell, errors=errors), seed=1)), METHOD)
+        curves = {name: solved.curves[name] for name in TRANSLATIONS}
+        without = tool_point(place, ErrorCurves.from_curves(nodes, curves), chain)[0]
+        squares.append(((without - tool_point(place, errors, chain)[0])[0] @ along) ** 2)
+    return float(np.sqrt(np.mean(squares)))
+
+
+METHOD = "least_squares"
+
+
+@pytest.mark.parametrize("chain", ["YXZ", "XZY"])
+def test_rotations_act_on_the_largest_error_by_curves_and_by_levers(chain):
+    plan = make_plan()
+    lines = by_noise_alone(simulate(plan, make_cell(chain=chain), seed=2))
+    result = solve(lines, METHOD)
+    found = of_result(result, chain)
+    instrument = only(angular_errors=Spread(5e-6))
+    made = budget_of_largest_error(result, found, make_budget(lines, instrument, METHOD), chain)
+    alone = [
+        size
+        for source, size in zip(
+            make_budget(lines, instrument, METHOD).sources, made.contributions, strict=True
+        )
+        if "angular" in source.name
+    ]
+    seen = _rms_error_at_the_worst_place(plan, chain, 5e-6, found, 300)
+    # 300 draws leave 4 % (one standard deviation).
+    assert float(np.linalg.norm(alone)) == pytest.approx(seen, rel=0.13)
+
+
+def test_the_budget_of_the_largest_error_is_that_of_its_sources(measurement):
+    result = solve(measurement, METHOD)
+    found = of_result(result, measurement.chain)
+    whole = make_budget(measurement, perfect(), METHOD)
+    made = budget_of_largest_error(result, found, whole, measurement.chain)
+    assert not made.at_least and made.value == found.value
+    assert made.expanded.value == made.coverage_factor * made.standard_uncertainty > 0.0
+    unknown = make_budget(measurement, Instrument(), METHOD)
+    open_ended = budget_of_largest_error(result, found, unknown, measurement.chain)
+    assert open_ended.at_least
+    stated = np.isnan(open_ended.contributions)
+    assert {source.name for source, one in zip(unknown.sources, stated, strict=True) if one} == set(
+        unknown.unknown_sources
+    )

@@ -16,15 +16,23 @@ from stepdiag_ros.evaluation.single_errors import expanded_of_curve, single_erro
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.plausible import PLAUSIBLE_SCALE, PLAUSIBLE_SHIFT, Plausible
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded
 from stepdiag_ros.report.documents.run import report_json
-from stepdiag_ros.report.tables.run import print_report
+from stepdiag_ros.report.tables.run import print_report, print_summary
 from stepdiag_ros.text.console import make_console
 from stepdiag_ros.text.numbers import plus_minus
-from stepdiag_ros.words.lead import from_here, next_lines, next_steps, sentences_of, size_sentences
+from stepdiag_ros.words.lead import (
+    coverage_sentences,
+    from_here,
+    next_lines,
+    next_steps,
+    sentences_of,
+    size_sentences,
+)
 
 U_NODE = 5e-8
 COMMON = 3e-8
@@ -199,7 +207,9 @@ def test_the_last_lines_say_it_in_short_and_what_to_run_next():
     lines = [line.rstrip() for line in stream.getvalue().splitlines()]
     place = lines.index("In short:")
     lead = lead_of(report)
-    assert lines[place + 1 :] == [*sentences_of(lead), *next_lines(lead)]
+    assert lines[place + 1 :] == [
+        *(*sentences_of(lead), *coverage_sentences(lead), *next_lines(lead))
+    ]
     assert any("not solved, too little" in line for line in lines[:place])
     commands = [line.split("  ")[1] for line in lines[-3:]]
     assert commands == [
@@ -216,7 +226,7 @@ def test_a_command_is_one_line_whatever_the_width(width):
     commands = [one.command for one in next_steps(lead) if one.command]
     lines = next_lines(lead, width)
     for command in commands:
-        (line,) = [line for line in lines if command in line]
+        (line,) = [line for line in lines if f"{line}  ".startswith(f"  {command}  ")]
         assert width < 200 or line != f"  {command}"
     assert all(len(line) <= width or line.strip() in commands for line in lines)
     words = " ".join(" ".join(lines).split())
@@ -263,3 +273,37 @@ def test_a_path_is_named_as_seen_from_the_present_folder(tmp_path, monkeypatch):
     # Outside of it a path stays as it was given.
     assert from_here(tmp_path / "b.mcap") == tmp_path / "b.mcap"
     assert from_here(Path("../b.mcap")) == Path("../b.mcap")
+
+
+def test_what_nothing_has_judged_is_said_with_the_option_that_does():
+    lead = lead_of(make_report(results=(returning(),), bag=Path("run.mcap")))
+    (step,) = [one for one in next_steps(lead) if one.command.startswith("stepdiag report")]
+    assert "--tolerance" in step.why
+    # A tolerance is for error curves of lines: refused for a tracker, useless without a volume.
+    for other in (replace(lead, tracked=True), replace(lead, volume=None)):
+        assert not any("--tolerance" in one.why for one in next_steps(other))
+
+
+def test_the_first_screen_says_which_uncertainty_it_prints():
+    lead = lead_of(make_report(results=(returning(),)))
+    (said,) = coverage_sentences(lead)
+    size = np.hypot(PLAUSIBLE_SCALE, PLAUSIBLE_SHIFT) * 1e6
+    assert f"{size:.2f} µm/m" in said and "stepdiag budget" in said and "stepdiag report" in said
+    assert not coverage_sentences(lead_of(make_report(results=())))
+    stream = io.StringIO()
+    print_summary(make_report(results=(returning(),)), make_console(stream))
+    assert said in stream.getvalue()
+
+
+def test_rotations_that_no_line_shows_have_the_size_that_the_machine_states():
+    lines = simulate(load_plan("quick")[0], load_cell("demo")[0], seed=1)
+    far = dict.fromkeys(TRANSLATIONS, np.linspace(0.0, 4e-6, BLOCKS + 1))
+    far["E_ZX"] = far["E_ZY"] = far["E_ZZ"] = 2.0 * far["E_XX"]
+    report = make_report(results=(replace(returning(), curves=far),), chain="")
+    found = [
+        lead_of(
+            replace(report, measurement=replace(lines, plausible=Plausible(size)))
+        ).expanded_uncertainty
+        for size in (0.0, 3e-6, 30e-6)
+    ]
+    assert found[0] < found[1] < found[2]

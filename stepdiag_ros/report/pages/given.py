@@ -23,6 +23,8 @@ class Given:
         remark: further words.
         tolerance: longest error vector in the volume that is allowed, m; NaN: none is known.
         instrument: what is known of laser, sensors, material and setup.
+        laser_serial: number of the laser.
+        laser_certificate: number of its calibration certificate.
         instrument_source: name of that description; empty: none was given.
         conditions: what is known of the conditions of the ISO 230 tests.
         control: that compensation is shown for.
@@ -37,6 +39,8 @@ class Given:
     tolerance: float = nan
     instrument: Instrument = field(default_factory=Instrument)
     instrument_source: str = ""
+    laser_serial: str = ""
+    laser_certificate: str = ""
     conditions: UncertaintyDescription = field(default_factory=UncertaintyDescription)
     control: str = "generic"
     history: "HistoryOfRun | None" = None

@@ -1,7 +1,9 @@
-"""The first page in plain words: is the machine good, its worst error, how sure, what to do."""
+"""The first page in plain words: is the machine good, its largest error, how sure, what to do."""
 
 import math
 from dataclasses import dataclass
+
+import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -11,10 +13,13 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
+from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.metrology.standards.conformity import Conformity, conformity
+from stepdiag_ros.metrology.uncertainty.source import ANGULAR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
+from stepdiag_ros.report.pages.sections.measurement import temperature_words
 from stepdiag_ros.report.tables.diagnosis import rivals_words
 from stepdiag_ros.text.numbers import (
     UNKNOWN,
@@ -25,7 +30,7 @@ from stepdiag_ros.text.numbers import (
 )
 from stepdiag_ros.words.budget import LOWERED_BY
 from stepdiag_ros.words.diagnosis import sizes_words
-from stepdiag_ros.words.lead import missing_words, sentences_of
+from stepdiag_ros.words.lead import laser_scale, missing_words, sentences_of
 from stepdiag_ros.words.proposal import proposed_sentences
 
 _MEANS = {
@@ -74,7 +79,7 @@ class ToleranceJudgement:
     def size(self) -> str:
         """Write the largest error with its uncertainty, which may be a lower bound."""
         size = with_expanded(self.value, self.expanded_uncertainty, IN_MICRO)
-        bound = " (U at least)" if self.lower_bound else ""
+        bound = " (U is a lower bound)" if self.lower_bound else ""
         return UNKNOWN if size == UNKNOWN else f"{size} µm{bound}"
 
     @property
@@ -117,8 +122,12 @@ def lead_of(material: Material) -> Lead:
         tone = "open"
     if not material.lead.whole and tone == "good":
         tone = "open"
-    sentences = [*sentences_of(material.lead), *_judged(judged), f"How sure: {_basis(material)}"]
-    sentences += [f"What to do: {text}" for text in what_to_do(material, judged)]
+    sentences = [*sentences_of(material.lead), *_judged(judged)]
+    if math.isfinite(judged.value):
+        sentences.append(f"Temperature of these results: {temperature_words(material)}.")
+    sentences.append(f"How sure: {_basis(material)}")
+    first, *others = what_to_do(material, judged)
+    sentences += [f"What to do: {first}", *(f"Then: {text}" for text in others)]
     facts = tuple(_facts(material, judged))
     return Lead(tone, headline, tuple(sentences), facts, _worst(material, judged, headline))
 
@@ -135,8 +144,8 @@ def _worst(material: Material, judged: ToleranceJudgement, headline: str) -> str
     if judged.size in headline:
         return f"at {where} mm (U: 95 %)"
     size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
-    bound = ", at least" if judged.lower_bound else ""
-    return f"Worst error {size} µm (U: 95 %{bound}) at {where} mm"
+    bound = ", a lower bound" if judged.lower_bound else ""
+    return f"Largest error {size} µm (U: 95 %{bound}) at {where} mm"
 
 
 def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]:
@@ -188,33 +197,73 @@ def _basis(material: Material) -> str:
     """Say what the ± hold."""
     if not any(math.isfinite(one.value) for one in material.single_errors):
         return "The ± in the sections are those without the uncertainty budget."
-    known = material.given.instrument_source
-    budget = "the uncertainty budget"
-    if not known:
-        of_laser = (
-            f"; nothing was stated of laser, air and setup, so that {budget} does not contain them"
-            " and every ± is a lower bound"
-        )
-    elif material.lower_bound:
-        of_laser = (
-            f" and contains what {known} states of laser, air and setup; not all of that is known,"
-            " so that every ± is a lower bound"
-        )
-    else:
-        of_laser = f" and contains what {known} states of laser, air and setup"
     narrow, wide = (
-        f" ({with_uncertainty(one.value, one.value * IN_MICRO)[1]} µm for the largest error)"
+        f", {with_uncertainty(one.value, one.value * IN_MICRO)[1]} µm for the largest error,"
         if math.isfinite(one.value)
         else ""
         for one in (material.expanded_of_readings, material.expanded_of_budget)
     )
+    scale = laser_scale(material.measurement.plausible)
     return (
-        f"Each ± on this page and the next is the larger of two. Tables headed '{WITHOUT_BUDGET}',"
-        " stepdiag solve and stepdiag volumetric have the first: of the readings, of the laser's"
-        " scale and of pitch, yaw and roll as far as the readings of this run leave them open"
-        f"{narrow}. The second is U of {budget}{wide}: it takes pitch, yaw and roll in their whole"
-        f" plausible size, whatever the readings show{of_laser}."
+        "Each ± on this page and the next is the larger of two. The first"
+        f"{narrow} contains the scatter of the readings, {scale}, and pitch, yaw and roll as far as"
+        " the readings of this run leave them open; stepdiag solve, stepdiag volumetric and tables"
+        f" headed '{WITHOUT_BUDGET}' show it. The second{wide} is U of the uncertainty budget."
+        f" {_of_rotations(material)} {_of_laser(material)} {_plausible_size(material)}"
     )
+
+
+def _of_rotations(material: Material) -> str:
+    """Say what the budget contains of pitch, yaw and roll."""
+    if not material.report.chain:
+        return (
+            "It does not contain pitch, yaw and roll, because the order of the machine's axes is"
+            " not known, and is a lower bound."
+        )
+    return (
+        "It contains pitch, yaw and roll in their whole plausible size, even where the readings"
+        " show that they are smaller."
+    )
+
+
+def _of_laser(material: Material) -> str:
+    """Say what the budget contains of laser, air and setup."""
+    known = material.given.instrument_source
+    if not known:
+        return (
+            "Nothing was stated about laser, air and setup (--instrument), so that the budget does"
+            " not contain them and every ± is a lower bound."
+        )
+    words = (
+        "The budget contains the uncertainties of laser, air and setup that the instrument file"
+        f' "{known}" states'
+    )
+    if material.lower_bound:
+        return f"{words}; not all of them are known, so that every ± is a lower bound."
+    return f"{words}."
+
+
+def _plausible_size(material: Material) -> str:
+    """Say what the plausible size of rotations is, who stated it, and how much of U it makes."""
+    stated = material.given.instrument.angular_errors
+    size = material.measurement.plausible.rotation
+    meaning = "Plausible size: standard deviation of each angle at the end of its travel;"
+    if stated.known:
+        source = f"{stated.standard_uncertainty * IN_MICRO:.3g} µrad by the instrument file"
+    elif ROTATIONS_KEY in material.recorded.machine:
+        source = f"{size * IN_MICRO:.3g} µrad by '{ROTATIONS_KEY}' of the machine file"
+    else:
+        source = (
+            f"{size * IN_MICRO:.3g} µrad, assumed, because the machine file does not state"
+            f" '{ROTATIONS_KEY}'"
+        )
+    most = ""
+    largest = material.budget_of_largest_error
+    if material.budget is not None and largest is not None:
+        turning = [one.group == ANGULAR for one in material.budget.budget.sources]
+        if 2.0 * np.nansum(largest.contributions[turning] ** 2) > largest.standard_uncertainty**2:
+            most = ". Most of the U of the largest error comes from it"
+    return f"{meaning} {source}{most}."
 
 
 def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
@@ -245,7 +294,9 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
             )
     if not math.isfinite(judged.value) and run.whole:
         needed = run.remedy or "the lines that the whole volume still needs"
-        said.append(f"measure {needed} as well; the last section names what is unknown.")
+        said.append(
+            f"measure {needed} as well; the section 'What is not known' lists what is unknown."
+        )
     elif material.compensation is not None and material.compensation.identified.warning:
         said.append(f"do not compensate by this run: {material.compensation.identified.warning}.")
     elif material.compensation is not None and not said:

@@ -39,10 +39,13 @@ from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance
 from stepdiag_ros.metrology.solvers.observations import observe
-from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
-from stepdiag_ros.metrology.uncertainty.budget import Budget, make_budget
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded, larger
+from stepdiag_ros.metrology.uncertainty.budget import make_budget
+from stepdiag_ros.metrology.uncertainty.coverage import Expanded, larger
+from stepdiag_ros.metrology.uncertainty.largest_error import (
+    LargestErrorBudget,
+    budget_of_largest_error,
+)
 from stepdiag_ros.metrology.uncertainty.repeats import Repeats, repeats_of
 from stepdiag_ros.report.pages.given import Given
 
@@ -216,8 +219,11 @@ class Material:
     @cached_property
     def accuracies(self) -> Mapping[str, VolumetricAccuracy]:
         """Return the longest error vector in the volume by every method."""
-        chain = self.report.chain
-        return {one.method: of_result(one, chain) for one in self.report.ordered_results()}
+        report = self.report
+        return {
+            one.method: of_result(one, report.chain, report.plausible)
+            for one in report.ordered_results()
+        }
 
     @cached_property
     def accuracy(self) -> VolumetricAccuracy | None:
@@ -230,7 +236,7 @@ class Material:
         """Return the expanded uncertainty of the longest error vector, m; NaN where not known.
 
         The larger of two: of what the readings tell alone, and of all sources that the budget
-        knows, with the largest coverage factor that it has for a curve; see ``lower_bound``.
+        knows; see ``lower_bound``.
         """
         return larger(self.expanded_of_readings, self.expanded_of_budget)
 
@@ -241,16 +247,19 @@ class Material:
             return Expanded()
         return Expanded.of_normal(self.accuracy.standard_uncertainty)
 
-    @cached_property
+    @property
     def expanded_of_budget(self) -> Expanded:
         """Return what the sources of the budget make of it; NaN where not known."""
-        preferred = self.report.preferred()
-        if preferred is None or self.budget is None:
-            return Expanded()
-        budget = self.budget.budget
-        found = of_result(_with_sources(preferred, budget), self.report.chain)
-        factor = _largest_coverage_factor(budget)
-        return Expanded(factor * found.standard_uncertainty, factor)
+        made = self.budget_of_largest_error
+        return Expanded() if made is None else made.expanded
+
+    @cached_property
+    def budget_of_largest_error(self) -> LargestErrorBudget | None:
+        """Return the budget of the longest error vector; None where one of the two is not known."""
+        preferred, found = self.report.preferred(), self.accuracy
+        if preferred is None or found is None or self.budget is None or not found.value > 0.0:
+            return None
+        return budget_of_largest_error(preferred, found, self.budget.budget, self.report.chain)
 
     @property
     def expanded_uncertainty(self) -> float:
@@ -357,27 +366,3 @@ def _sentence(error: Exception, recorded: RecordedRun) -> str:
     """Return why a part is not there, without the name of the file that the whole report is of."""
     text = " ".join(str(error).split()).removeprefix(f"{recorded.path}: ")
     return f"{text[:1].upper()}{text[1:].rstrip('.')}."
-
-
-def _largest_coverage_factor(budget: Budget) -> float:
-    """Return the largest coverage factor that a budget has for a value of a curve."""
-    of_curves = [
-        factor
-        for factor, quantity in zip(
-            budget.coverage_factor, budget.sensitivity.quantities, strict=True
-        )
-        if quantity.curve
-    ]
-    return float(max(of_curves, default=COVERAGE_FACTOR))
-
-
-def _with_sources(result: VolumetricErrors, budget: Budget) -> VolumetricErrors:
-    """Return a result with the covariance that all known sources of a budget give its curves."""
-    places = [(name, node) for name, curve in result.curves.items() for node in range(len(curve))]
-    quantities = budget.sensitivity.quantities
-    rows = [row for row, quantity in enumerate(quantities) if quantity.curve]
-    at = [places.index((quantities[row].curve, quantities[row].node)) for row in rows]
-    # What the frame fixes is no quantity of the budget, and has no uncertainty.
-    covariance = np.zeros((len(places), len(places)))
-    covariance[np.ix_(at, at)] = budget.covariance[np.ix_(rows, rows)]
-    return replace(result, covariance=covariance)

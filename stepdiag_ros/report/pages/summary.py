@@ -20,7 +20,11 @@ from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Chapter, Fact, chapter
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn
 from stepdiag_ros.report.pages.section import SectionContent
-from stepdiag_ros.report.pages.sections.measurement import condition_facts
+from stepdiag_ros.report.pages.sections.measurement import (
+    condition_facts,
+    origin_facts,
+    temperature_words,
+)
 from stepdiag_ros.text.numbers import UNKNOWN, with_expanded
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS
@@ -58,7 +62,7 @@ def summary_of(material: Material) -> SectionContent:
         "errors": _errors(material),
         "sign": f"Sign of an angle: {SIGN_DEFINITIONS['rotation']}.",
         "conformity": _conformity(material),
-        "conditions": condition_facts(material),
+        "conditions": [*condition_facts(material), *origin_facts(material)],
         "signed": signed,
     }
     return SectionContent(values, drawings)
@@ -99,11 +103,23 @@ def _conformity(material: Material) -> list[Fact]:
     return [
         Fact("Largest error allowed", judged.limit if asked else "not agreed"),
         Fact("Largest error ± U (95 %)", judged.size),
+        Fact("What the value is", _value(material)),
+        Fact("It holds at", f"the temperature{temperature_words(material).removeprefix('that')}"),
         Fact("Decision rule", DECISION_RULE),
         Fact("Decision", _decision(material, judged)),
         Fact("Model and run", verdict_words(material)),
         Fact("Method", _method(material)),
     ]
+
+
+def _value(material: Material) -> str:
+    """Say of what the largest error is, and which errors are not in it."""
+    directions = material.lead.directions
+    how = {0: "", 1: f", {directions[0] if directions else ''} only"}.get(
+        len(directions), ", mean of both directions"
+    )
+    without = "reversal error, repeatability and drift are not in it"
+    return f"longest error vector at the nodes of the measured box, at the mirror{how}; {without}"
 
 
 def _decision(material: Material, judged: ToleranceJudgement) -> str:

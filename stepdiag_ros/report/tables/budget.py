@@ -9,6 +9,7 @@ from stepdiag_ros.evaluation.budget import BudgetReport
 from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.uncertainty.budget import Budget
+from stepdiag_ros.metrology.uncertainty.largest_error import LargestErrorBudget
 from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.text.console import PlainConsole
@@ -76,6 +77,28 @@ def budget_table(budget: Budget, title: str, rows: Sequence[int]) -> Table:
     table.add_row(
         "result", *(_result(budget.sensitivity.values[row], expanded[row]) for row in rows)
     )
+    return table
+
+
+def largest_error_table(budget: Budget, largest: LargestErrorBudget) -> Table:
+    """Return the contributions of known sources to the largest error in the volume, and their sum.
+
+    Args:
+        budget: of a result.
+        largest: of the largest error of that result.
+    """
+    table = new_table("Largest error: standard uncertainty by source, µm", "", "volume")
+    table.whole_title = True
+    for source, size in zip(budget.sources, largest.contributions, strict=True):
+        if source.known:
+            table.add_row(source.name, _size(float(size)))
+    table.add_section()
+    lower, expanded = _bound(largest.at_least), largest.expanded.value
+    table.add_row("combined u", lower + _size(largest.standard_uncertainty))
+    table.add_row("effective ν", _freedom(largest.degrees_of_freedom))
+    table.add_row("coverage factor k", plain(largest.coverage_factor, 2))
+    table.add_row(f"expanded U ({budget.coverage:.4g})", lower + _expanded(expanded))
+    table.add_row("result", _result(largest.value, expanded))
     return table
 
 

@@ -8,7 +8,7 @@ from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
-from stepdiag_ros.words.compensation import figure_name, size_words, uncorrected
+from stepdiag_ros.words.compensation import figure_name, limit_words, size_words, uncorrected
 
 NOT_INSTALLED = (
     "Nothing was installed. Keep the present tables, load the files by hand, and measure again."
@@ -41,12 +41,9 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
             f"Of {remainder.places} places in the volume {remainder.known} have a known error;"
             " the others are not in the figures."
         )
-    if math.isfinite(remainder.rms_uncertainty) and not warning:
-        console.sentence(
-            "The errors in the volume are known to"
-            f" {size_words(remainder.rms_uncertainty, 'm')} (rms standard uncertainty): no"
-            " compensation made from them is better than that."
-        )
+    limit = limit_words(report)
+    if limit and not warning:
+        console.sentence(limit)
     for title, sentences in (
         ("Not corrected:", uncorrected(report)),
         ("To know:", report.control.says),

@@ -18,6 +18,7 @@ from stepdiag_ros.evaluation.report import (
 from stepdiag_ros.evaluation.single_errors import PEAK_TO_PEAK, with_ranges
 from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, SQUARENESS, TRANSLATIONS
+from stepdiag_ros.metrology.plausible import ORDINARY
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
@@ -25,7 +26,13 @@ from stepdiag_ros.metrology.visibility import DETERMINED, VerdictRow, Visibility
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import ARC_SECONDS, UNKNOWN, WITHOUT_BUDGET, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
-from stepdiag_ros.words.lead import from_here, next_lines, sentences_of
+from stepdiag_ros.words.lead import (
+    coverage_sentences,
+    from_here,
+    laser_scale,
+    next_lines,
+    sentences_of,
+)
 from stepdiag_ros.words.squareness import (
     LEAST_SQUARES_LINES,
     SIGN_DEFINITIONS,
@@ -386,8 +393,8 @@ def _sentences(report: Report, definition: SignDefinition) -> list[str]:
     lines.append(f"Squareness sign: {SIGN_DEFINITIONS[definition]}. {LEAST_SQUARES_LINES}")
     lines.append(
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of the"
-        " readings, of plausible rotations and of the laser's scale; stepdiag budget lists laser,"
-        " air and setup one by one."
+        f" readings, of plausible rotations and of {laser_scale(ORDINARY)}; stepdiag budget lists"
+        " laser, air and setup one by one."
         " Errors are motions of the tool relative to the workpiece."
     )
     lines.extend(f"Run: {remark}" for remark in report.remarks)
@@ -462,7 +469,7 @@ def print_report(
         console.sentence(line)
     lead = lead_of(report)
     console.print()
-    for line in ("In short:", *sentences_of(lead)):
+    for line in ("In short:", *sentences_of(lead), *coverage_sentences(lead)):
         console.sentence(line)
     _print_next(lead, console)
 
@@ -470,7 +477,8 @@ def print_report(
 def print_summary(report: Report, console: PlainConsole) -> None:
     """Print what fits a screen: the lead, the determined errors, and the commands to run next."""
     lead = lead_of(report)
-    summary = [*_heading(report), "", *sentences_of(lead), *_determined(report, lead)]
+    summary = [*_heading(report), "", *sentences_of(lead), *coverage_sentences(lead)]
+    summary += _determined(report, lead)
     summary += [f"Run: {one}" for one in report.remarks if one not in report.routine]
     for line in (*summary, ""):
         console.sentence(line)

@@ -20,7 +20,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cells_for_tests import by_noise_alone
 from matplotlib.backends.backend_agg import RendererAgg
 from PIL import Image
 from report.pages.page_reading import ReadPage, sections_without_archive
@@ -36,6 +35,7 @@ from stepdiag_ros.metrology.solvers import limits
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.uncertainty.largest_error import budget_of_largest_error
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages import pictures
 from stepdiag_ros.report.pages.sections import sections
@@ -184,31 +184,20 @@ def test_table_one_is_that_of_the_result(page, solved):
     assert len(rows) == 1 + 12
 
 
-def uncertainty_of_the_worst_point(solved, worst, measurement):
-    """Return U of its length by the sources in the demo instrument that act on the curves."""
-    instrument = load_instrument("demo")[0]
-    budget = make_budget(measurement, instrument, "least_squares")
-    direction = np.array(worst.vector) / worst.value
-    weights = np.zeros(len(budget.sensitivity.quantities))
-    for row, quantity in enumerate(budget.sensitivity.quantities):
-        if quantity.curve:
-            axis = "XYZ".index(quantity.curve[3])
-            nodes = solved.preferred().nodes[axis]
-            if np.isclose(nodes[quantity.node], worst.position[axis]):
-                weights[row] = direction["XYZ".index(quantity.curve[2])]
-    curves = [bool(one.curve) for one in budget.sensitivity.quantities]
-    factor = float(np.max(budget.coverage_factor[curves]))
-    return factor * float(np.sqrt(weights @ budget.covariance @ weights))
-
-
 def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, document, solved):
     worst = of_result(solved.preferred(), solved.chain)
     expanded = document["summary"]["expanded_uncertainty"]
-    # Left-out rotations act at the worst point itself too, and take back a part of what they do to
-    # the curves there.
-    by_curves = uncertainty_of_the_worst_point(solved, worst, solved.measurement)
-    stiff = by_noise_alone(solved.measurement)
-    assert uncertainty_of_the_worst_point(solved, worst, stiff) < expanded < by_curves
+    budget = make_budget(solved.measurement, load_instrument("demo")[0], "least_squares")
+    largest = budget_of_largest_error(solved.preferred(), worst, budget, solved.chain)
+    assert expanded == largest.expanded.value
+    rows = dict(page.tables["Largest error: standard uncertainty by source, µm"])
+    assert rows["expanded U (0.95)"] == with_expanded(0.0, expanded, IN_MICRO).split()[-1]
+    (of_x,) = [
+        size
+        for source, size in zip(budget.sources, largest.contributions, strict=True)
+        if source.name == "angular errors of X"
+    ]
+    assert float(rows["angular errors of X"]) == pytest.approx(of_x * IN_MICRO, abs=5e-5)
     assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
     size = with_expanded(worst.value, expanded, IN_MICRO)
     assert page.headings[0] == ("The machine keeps its limit of 50 µm in the measured volume")
@@ -382,6 +371,7 @@ def test_what_is_not_known_is_gathered(document, page):
     assert unknown["Not told"] == [
         "Where it was measured (--place).",
         "The number of the machine (--serial).",
+        "The laser's certificate (--laboratory).",
     ]
     assert "No weather sensor was recorded." in unknown["Parts that this report lacks"]
     begin = page.headings.index(f"{len(sections_without_archive()) - 1} What is not known") + 1
@@ -418,7 +408,7 @@ def test_no_words_in_a_picture_are_printed_smaller_than_they_can_be_read(folder,
 @needs_poppler
 def test_the_summary_takes_two_pages_and_its_contents_name_the_page_of_each_annex(folder):
     pages = _text(folder / "report.pdf").split("\f")[:-1]
-    assert "Worst error" in pages[0]
+    assert "Largest error" in pages[0]
     assert "Signatures" in pages[1] and "Conformity" in pages[1]
     named = re.findall(r"(\d+)\. ([^.]+?) *\.{3,} *(\d+)", pages[1])
     assert {int(number): title for number, title, _ in named} == {
@@ -450,7 +440,7 @@ def test_the_summary_has_every_single_error_the_decision_and_who_signs(page, doc
     assert page.facts()["Largest error allowed"] == "50 µm"
     summary = document["summary"]
     size = with_expanded(summary["value"], summary["expanded_uncertainty"], IN_MICRO)
-    assert f"Worst error {size} µm (U: 95 %) at X " in page.text
+    assert f"Largest error {size} µm (U: 95 %) at X " in page.text
     signed = [row for rows in page.tables.values() for row in rows if "date, signature" in row]
     assert [row[1] for row in signed] == ["A. Turner", "", "Mill & <Sons>"]
 

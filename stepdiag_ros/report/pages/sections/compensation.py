@@ -13,7 +13,7 @@ from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.compensation import change_table
 from stepdiag_ros.text.table import with_rows
-from stepdiag_ros.words.compensation import uncorrected
+from stepdiag_ros.words.compensation import limit_words, uncorrected
 
 _NOT_YET = {
     DESCRIBED: "Do not install these tables: the run shows something without a name that the error"
@@ -49,7 +49,7 @@ def _tell(material: Material) -> SectionContent | str:
             "tables": with_rows(
                 [change_table("Computed, before and after", report.remainder.changes)]
             ),
-            "computed": COMPUTED,
+            "computed": " ".join(one for one in (COMPUTED, limit_words(report)) if one),
             "uncorrected": [f"{text}." for text in uncorrected(report)],
             "command": f"stepdiag compensate {material.recorded.path.name}"
             f" --for {report.control.name}",

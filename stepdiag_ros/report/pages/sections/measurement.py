@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag_ros import __version__
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.evaluation.flown import FlownRun
 from stepdiag_ros.metrology.geometry import AXES
@@ -83,6 +84,10 @@ def instrument(material: Material) -> str:
     return ", ".join(parts)
 
 
+def _laser_number(material: Material) -> str:
+    return str(parameters(material, "interferometer").get("hardware_id") or "")
+
+
 def _instrument_words(material: Material) -> str:
     """Return what was given of the instrument; a tracker is described by the plan."""
     return "" if material.recorded.plan.tracker is not None else material.given.instrument.name
@@ -109,6 +114,8 @@ def _run_facts(material: Material) -> list[Fact]:
         ("Order of the axes", f"{report.chain} (workpiece to tool)" if report.chain else UNKNOWN),
         ("Controller", _controller(material) or UNKNOWN),
         ("Instrument", instrument(material)),
+        ("Laser number", given.laser_serial or _laser_number(material) or UNKNOWN),
+        ("Laser certificate", given.laser_certificate or UNKNOWN),
         ("Uncertainty of the instrument", _instrument_words(material)),
         ("Place", given.place or UNKNOWN),
         ("Measured by", given.operator or UNKNOWN),
@@ -123,21 +130,38 @@ def _run_facts(material: Material) -> list[Fact]:
 
 def condition_facts(material: Material) -> list[Fact]:
     """Return machine, instrument, box, time and weather for the summary."""
-    wanted = ("Machine", "Machine number", "Place", "Instrument", "Begun", "Duration")
-    by_hand = wanted[1:3]
-    facts = [
-        # What is not known is an empty line of the page, to fill in by hand.
-        Fact(one.name, "") if one.text == UNKNOWN and one.name in by_hand else one
-        for one in _run_facts(material)
-        if one.name in wanted
-    ]
+    wanted = (
+        *("Machine", "Machine number", "Place", "Instrument", "Laser number"),
+        *("Laser certificate", "Begun", "Duration"),
+    )
+    facts = [one for one in _run_facts(material) if one.name in wanted]
     facts += [one for one in plan_facts(material) if one.name in ("Measured box", "Lines")]
     for name, (mean, low, high, _) in weather_figures(material).items():
         words, unit, factor, decimals = _WEATHER[name]
         shown = [plain(value * factor, decimals) for value in (mean, low, high)]
         text = f"{shown[0]} {unit} ({shown[1]} to {shown[2]})"
         facts.append(Fact(f"{words[:1].upper()}{words[1:]}", text))
-    return facts if material.weather else [*facts, Fact("Weather", material.why_not("weather"))]
+    if not material.weather:
+        facts.append(Fact("Weather", material.why_not("weather")))
+    return [*facts, Fact("Temperature of the results", temperature_words(material))]
+
+
+def temperature_words(material: Material) -> str:
+    """Say at which temperature the results hold: a report corrects nothing to 20 °C."""
+    words = "that of the machine during the run; stepdiag_ros corrected nothing to 20 °C"
+    if material.header is not None and "source_file" in material.header.facts:
+        return f"{words}, and whether the source of the imported readings did is unknown"
+    return words
+
+
+def origin_facts(material: Material) -> list[Fact]:
+    """Return which software made run and report, and when the report was made."""
+    recorded = material.recorded.software_version
+    return [
+        Fact("Recorded by", f"stepdiag_ros {recorded}" if recorded else UNKNOWN),
+        Fact("Evaluated by", f"stepdiag_ros {__version__}"),
+        Fact("Date of the report", f"{datetime.now(timezone.utc):%Y-%m-%d} (UTC)"),
+    ]
 
 
 def plan_facts(material: Material) -> list[Fact]:
@@ -217,7 +241,7 @@ def _origin_facts(material: Material) -> list[Fact]:
         Fact("Bag", recorded.path.name),
         Fact("SHA-256", material.sha256 or "unknown, the recording is a folder"),
         Fact("Seal", "none" if material.seal is None else material.seal.text),
-        Fact("Recorded by", f"stepdiag_ros {recorded.software_version}"),
+        *origin_facts(material),
         Fact("Messages", f"schema version {recorded.schema_version}"),
         Fact("Middleware", header.middleware if header and header.middleware else UNKNOWN),
         *_source_facts(material),

@@ -4,12 +4,19 @@ from dataclasses import replace
 from typing import Any
 
 from stepdiag_ros.evaluation.report import method_title
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.plots.places import HALF
 from stepdiag_ros.report.documents.budget import budget_document
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
-from stepdiag_ros.report.tables.budget import budget_table, curves_table, sources_table
+from stepdiag_ros.report.tables.budget import (
+    budget_table,
+    curves_table,
+    largest_error_table,
+    sources_table,
+)
+from stepdiag_ros.text.numbers import with_uncertainty
 from stepdiag_ros.text.table import Table, with_rows
 from stepdiag_ros.words.budget import figure_groups
 
@@ -25,10 +32,11 @@ def _tell(material: Material) -> SectionContent | str:
         f"By the GUM (JCGM 100), {method_title(budget.method)}, with all correlations. Each number"
         " is what one source alone would do to the result; they add in squares. Sources that are"
         " not known, do not act, or round to zero, are in the list of the inputs alone.",
-        f"Laser, air, material and setup: as described in {known}."
+        f'Laser, air, material and setup: as stated by the instrument file "{known}".'
         if known
-        else "Nothing was told of laser, air, material and setup (--instrument), so only what the"
-        " readings tell of themselves is in the sums; every U is a lower bound.",
+        else "Nothing was stated about laser, air, material and setup (--instrument), so that the"
+        " sums contain only what the readings show of themselves and the angular errors; every U is"
+        " a lower bound.",
     ]
     drawings = {}
     if groups:
@@ -46,13 +54,38 @@ def _tell(material: Material) -> SectionContent | str:
             "tables": [
                 _without_idle_rows(budget_table(budget, title, rows))
                 for title, rows in groups.items()
-            ],
+            ]
+            + _largest_tables(material),
             "nodes": with_rows(curves_table(budget)),
             "sentences": said,
-            "remarks": list(budget.remarks),
+            "remarks": [*_of_largest_error(material), *budget.remarks],
         },
         drawings,
     )
+
+
+def _largest_tables(material: Material) -> list[Table]:
+    made, largest = material.budget, material.budget_of_largest_error
+    if made is None or largest is None:
+        return []
+    return [_without_idle_rows(largest_error_table(made.budget, largest))]
+
+
+def _of_largest_error(material: Material) -> list[str]:
+    """Say how the uncertainty of the first page follows from the table of the largest error."""
+    largest = material.budget_of_largest_error
+    if largest is None:
+        return []
+    of_budget, of_readings = (
+        with_uncertainty(0.0, one.value * IN_MICRO)[1]
+        for one in (largest.expanded, material.expanded_of_readings)
+    )
+    return [
+        "The largest error is a sum of curve values at one place. A source changes them together,"
+        " so that its effects partly cancel: U of the sum may be smaller than U of a curve. The"
+        f" first page shows the larger of this U, {of_budget} µm, and U without the budget,"
+        f" {of_readings} µm."
+    ]
 
 
 def _without_idle_rows(view: Table) -> Table:

@@ -12,6 +12,7 @@ _GIVEN = {
     "operator": "who measured (--operator)",
     "place": "where it was measured (--place)",
     "serial": "the number of the machine (--serial)",
+    "laser_certificate": "the laser's certificate (--laboratory)",
 }
 
 
