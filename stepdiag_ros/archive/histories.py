@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stepdiag_ros.archive.stated import Stated
-from stepdiag_ros.metrology.geometry import SQUARENESS
+from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS, moving_axis
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.trends.crossing import Outlook
 from stepdiag_ros.metrology.trends.series import Series
@@ -24,6 +24,15 @@ select coalesce(machine, ?) as machine, name,
     max(list_max(position_m) - list_min(position_m)) as travel
 from curves where name in ('E_XX', 'E_YY', 'E_ZZ') group by all
 """
+_BOXES = """
+select bag_sha256, run_id, name, min(list_min(position_m)) as low, max(list_max(position_m)) as high
+from curves where name in ('E_XX', 'E_YY', 'E_ZZ') and relied_on and len(position_m) > 0
+group by all
+"""
+Box = Mapping[int, tuple[float, float]]
+"""Axis, 0 to 2 → first and last position that was measured, m; unknown axes are left out."""
+_SAME_BOX = 0.01
+"""Ends of two boxes may differ by this share of a side, and are the same box."""
 UNNAMED = "unnamed"
 LARGEST = "largest in volume"
 _ORDER = (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE, Outlook.INTERVAL)
@@ -63,6 +72,8 @@ class FigureHistory:
         trend: what they show.
         tolerance: largest magnitude that the owner allows; NaN if none is stated.
         other_methods: number of runs that are left out, since another method solved them.
+        other_boxes: number of runs that are left out, since they measured another box than the
+            newest, and the figure depends on the box.
     """
 
     kind: str
@@ -74,6 +85,7 @@ class FigureHistory:
     trend: Trend
     tolerance: float
     other_methods: int
+    other_boxes: int = 0
 
 
 @dataclass(frozen=True)
@@ -172,9 +184,13 @@ def histories(
     travels: dict[str, dict[str, float]] = {}
     for one in catalogue.ask(_TRAVELS, [UNNAMED]) if catalogue.stated.scales else ():
         travels.setdefault(one["machine"], {})[one["name"]] = one["travel"]
+    boxes: dict[tuple[str, str | None], dict[int, tuple[float, float]]] = {}
+    for one in catalogue.ask(_BOXES):
+        axis, run = moving_axis(one["name"]), (one["bag_sha256"], one["run_id"])
+        boxes.setdefault(run, {})[axis] = (one["low"], one["high"])
     number = len({row["machine"] for row in rows})
     found = []
-    for history in histories_of(rows, catalogue.stated, travels):
+    for history in histories_of(rows, catalogue.stated, travels, boxes):
         found.append(history)
         if progress is not None:
             progress(len(found) / number, history.name)
@@ -203,6 +219,7 @@ def histories_of(
     rows: Iterable[Mapping[str, Any]],
     stated: Stated,
     travels: Mapping[str, Mapping[str, float]],
+    boxes: Mapping[tuple[str, str | None], Box] | None = None,
 ) -> Iterator[MachineHistory]:
     """Yield the history of each machine.
 
@@ -210,12 +227,14 @@ def histories_of(
         rows: of figures, each with what is known of its run, in the order of their dates.
         stated: by the owner.
         travels: machine → ``E_XX``, ``E_YY``, ``E_ZZ`` → travel that was measured, m.
+        boxes: SHA-256 of the bag and identity of the run → the box that it measured; a run whose
+            box is not known is taken for one of the newest box.
     """
     machines: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         machines.setdefault(row["machine"] or UNNAMED, []).append(row)
     for name, own in machines.items():
-        yield _history(name, own, stated, travels.get(name, {}))
+        yield _history(name, own, stated, travels.get(name, {}), boxes or {})
 
 
 def _history(
@@ -223,6 +242,7 @@ def _history(
     rows: Sequence[Mapping[str, Any]],
     stated: Stated,
     travels: Mapping[str, float],
+    boxes: Mapping[tuple[str, str | None], Box],
 ) -> MachineHistory:
     figures: dict[tuple[str, str], dict[Any, Mapping[str, Any]]] = {}
     runs: dict[Any, Mapping[str, Any]] = {}
@@ -235,7 +255,8 @@ def _history(
     known = [stated.scales[one] for one in instruments if one in stated.scales]
     scale = max(known) if len(known) == len(instruments) else nan
     tolerances = {**stated.tolerances.get("", {}), **stated.tolerances.get(name, {})}
-    kept = {key: _of_usual_method([*own.values()]) for key, own in figures.items()}
+    usual = {key: _of_usual_method([*own.values()]) for key, own in figures.items()}
+    kept = {key: _of_newest_box(own, boxes, axes_of(key[1])) for key, own in usual.items()}
     series = {key: series_of(own, scale * _length(*key, travels)) for key, own in kept.items()}
     limits = {key: tolerances.get(key[1], nan) for key in figures}
     trends = _trends(series, limits)
@@ -254,7 +275,8 @@ def _history(
                 (COVERAGE_FACTOR * series[key].uncertainty).tolist(),
                 trend,
                 limits[key],
-                len(figures[key]) - len(kept[key]),
+                len(figures[key]) - len(usual[key]),
+                len(usual[key]) - len(kept[key]),
             )
             for key, trend in trends.items()
         ),
@@ -322,6 +344,39 @@ def _of_usual_method(rows: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     methods = [row["method"] for row in rows]
     usual = max(reversed(methods), key=methods.count)
     return [row for row in rows if row["method"] == usual]
+
+
+def axes_of(figure: str) -> tuple[int, ...]:
+    """Return the axes whose measured travel a figure depends on, 0 to 2.
+
+    A squareness error or the size of an effect does not depend on it; the largest error in the
+    volume and a diagonal depend on all.
+    """
+    what, _, curve = figure.partition(" ")
+    if figure == LARGEST or what == "diagonal":
+        return (0, 1, 2)
+    return (moving_axis(curve),) if curve in CURVES else ()
+
+
+def _of_newest_box(
+    rows: list[Mapping[str, Any]],
+    boxes: Mapping[tuple[str, str | None], Box],
+    axes: Sequence[int],
+) -> list[Mapping[str, Any]]:
+    """Return the rows of the runs that measured the box of the last one along some axes."""
+    own = [boxes.get((row["bag_sha256"], row["run_id"]), {}) for row in rows if boxes]
+    if not own:
+        return rows
+    return [row for row, box in zip(rows, own, strict=True) if _same_box(box, own[-1], axes)]
+
+
+def _same_box(one: Box, newest: Box, axes: Sequence[int]) -> bool:
+    return all(
+        abs(end - other) <= _SAME_BOX * (newest[axis][1] - newest[axis][0])
+        for axis in axes
+        if axis in one and axis in newest
+        for end, other in zip(one[axis], newest[axis], strict=True)
+    )
 
 
 def series_of(rows: Sequence[Mapping[str, Any]], shared: float) -> Series:

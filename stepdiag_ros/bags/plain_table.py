@@ -10,6 +10,7 @@ from stepdiag_ros.bags.csv_cells import unguarded
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import read_text, refusal
 from stepdiag_ros.metrology.refusal import Fault
+from stepdiag_ros.metrology.spelling import nearest
 
 
 class PlainRow:
@@ -108,6 +109,14 @@ def read_rows(
     return rows
 
 
+def _meant(
+    name: str, header: Sequence[str], columns: Sequence[str], optional: Sequence[str]
+) -> str:
+    """Ask whether a column that is there is a misspelling of one that is missing."""
+    near = nearest(name, [one for one in header if one not in (*columns, *optional)])
+    return f"; there is an unknown column '{near}': did you mean '{name}'?" if near else ""
+
+
 def _check_header(
     source: str, header: list[str], columns: Sequence[str], optional: Sequence[str]
 ) -> None:
@@ -124,7 +133,8 @@ def _check_header(
             raise refusal(
                 source,
                 1,
-                f"column '{name}' is missing; needed are {', '.join(columns)}",
+                f"column '{name}' is missing{_meant(name, header, columns, optional)}; needed are"
+                f" {', '.join(columns)}",
                 fault="missing",
             )
     for name in header:

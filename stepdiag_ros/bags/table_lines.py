@@ -54,7 +54,7 @@ def passes_of(rows: list[TableRow], source: str) -> list[tuple[TableRow, ...]]:
     passes = []
     for stops in _by_place(rows):
         same_in_pass(stops, source)
-        which = stops[0].which
+        which = stops[0].pass_words
         for expected, row in enumerate(stops):
             if row.stop == expected:
                 continue

@@ -114,6 +114,7 @@ class TableRow:
         environment: air and material; NaN where the cell is empty.
         told: what optional columns state about the pass.
         standard_uncertainty: of the reading, m; NaN if unknown, None without a column for it.
+        run: number of the pass in the file, where it counts otherwise than ``which``; else None.
     """
 
     number: int
@@ -125,6 +126,14 @@ class TableRow:
     environment: Environment
     told: PassColumns = NOTHING_TOLD
     standard_uncertainty: float | None = None
+    run: int | None = None
+
+    @property
+    def pass_words(self) -> str:
+        """Return the pass as the file names it."""
+        if self.run is None:
+            return str(self.which)
+        return f"{str(self.which).partition(',')[0]}, run {self.run}"
 
 
 def refusal(
@@ -240,7 +249,9 @@ def _places(header: list[str], source: str) -> dict[str, int]:
     missing = [name for name in COLUMNS if name not in names]
     if missing:
         unknown = [name for name in names if name and name not in known]
-        hint = f"; there is an unknown column '{unknown[0]}'" if unknown else ""
+        near = nearest(missing[0], unknown)
+        hint = f"; there is an unknown column '{near or unknown[0]}'" if unknown else ""
+        hint += f": did you mean '{missing[0]}'?" if near else ""
         if missing[0] in ENVIRONMENT_COLUMNS:
             hint += "; its cells may be empty if it was not measured"
         raise refusal(source, 1, f"column '{missing[0]}' is missing{hint}", fault="missing")

@@ -129,6 +129,10 @@ def _followed(outcomes: "Iterable[Outcome]", number: int, title: str) -> int:
     return 0
 
 
+_SIMULATED = "*"
+"""Behind the time of a run of a simulated machine."""
+
+
 def _list(arguments: Namespace) -> int:
     from stepdiag_ros.archive.catalogue import Catalogue
     from stepdiag_ros.archive.place import Place
@@ -154,7 +158,9 @@ def _list(arguments: Namespace) -> int:
     for row in rows:
         value, wide = (_number(row[f"largest_{name}"]) for name in ("m", "expanded_uncertainty_m"))
         table.add_row(
-            f"{row['time']:%Y-%m-%d %H:%M}" if row["time"] else "unknown",
+            f"{row['time']:%Y-%m-%d %H:%M}{_SIMULATED if row['simulated'] else ''}"
+            if row["time"]
+            else "unknown",
             row["machine"] or "unnamed",
             row["run_id"] or row["file"],
             row["plan"] or "",
@@ -162,6 +168,8 @@ def _list(arguments: Namespace) -> int:
             row["verdict"] or "has a problem",
         )
     make_console(sys.stdout).print(table)
+    if any(row["simulated"] for row in rows):
+        say(f"{_SIMULATED}: the time of its simulated clock, which is not when it was made")
     for sentence in _remarks(rows):
         say(sentence)
     return 0

@@ -14,6 +14,7 @@ from stepdiag_ros.commands.output import number, say
 if TYPE_CHECKING:
     from stepdiag_ros.bags.imports.imported import ImportOptions
     from stepdiag_ros.bags.imports.source import SourceFile
+    from stepdiag_ros.bags.run import RecordedRun
 
 _FORMATS = """\
 formats, detected by content (docs/import.md describes each of them):
@@ -136,8 +137,10 @@ def _add_options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Import the file; see the module."""
+    from stepdiag_ros.bags.imports.made import what_was_made
     from stepdiag_ros.bags.imports.registry import is_run_table
     from stepdiag_ros.bags.imports.source import read_source
+    from stepdiag_ros.bags.run import load_run
 
     axes, paths = _axes_and_paths(arguments.axis, arguments.paths)
     tables, target = _files_and_bag(paths, len(axes))
@@ -147,9 +150,8 @@ def run(arguments: Namespace) -> int:
         document = _run_table(arguments, tables[0], target, sources[0])
     else:
         document = _foreign(arguments, axes, tables, target, sources)
-    unknown = _undetermined(target)
-    if unknown:
-        document["remarks"].append(unknown)
+    made = load_run(target)
+    document["remarks"] += _limits(made)
     if arguments.json:
         print(schemas.json_text(schemas.document("import", document)))
         return 0
@@ -157,18 +159,20 @@ def run(arguments: Namespace) -> int:
     if document["readings"]:
         what = f"{document['readings']} readings"
     print(f"{target}: {what}, {document['blocks']} blocks ({document['format']})")
+    for sentence in what_was_made(made):
+        print(sentence)
     for remark in document["remarks"]:
         say(f"note: {remark}")
     return 0
 
 
-def _undetermined(bag: Path) -> str:
-    """Return which errors the lines in a bag do not determine; empty if they determine all."""
-    from stepdiag_ros.bags.run import load_run
+def _limits(run: "RecordedRun") -> list[str]:
+    """Return which errors the lines of a run do not determine, and that its chain is unknown."""
+    from stepdiag_ros.bags.imports.made import NO_CHAIN, lacks_chain
     from stepdiag_ros.planning.undetermined import undetermined
 
-    plan = load_run(bag).plan
-    return "" if plan.tracker is not None else undetermined(plan).sentence
+    unknown = "" if run.plan.tracker is not None else undetermined(run.plan).sentence
+    return [*filter(None, [unknown]), *([NO_CHAIN] if lacks_chain(run) else [])]
 
 
 def _axes_and_paths(named: list[str], paths: list[Path]) -> tuple[list[str], list[Path]]:

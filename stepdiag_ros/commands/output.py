@@ -1,6 +1,7 @@
 """How commands talk: results on standard output, everything else on standard error."""
 
 import argparse
+import math
 import re
 import sys
 from argparse import ArgumentParser, Namespace
@@ -52,6 +53,30 @@ def number(text: str, low: float, high: float) -> float:
     if not low <= value <= high:
         raise argparse.ArgumentTypeError(f"{text} is not between {low:.15g} and {high:.15g}")
     return value
+
+
+def metres(text: str, low: float, high: float) -> float:
+    """Return the length that an option was given, m.
+
+    Raises:
+        argparse.ArgumentTypeError: it is not a number, or not within [low, high]; says what it
+            would be if it was meant in millimetres.
+    """
+    try:
+        return number(text, low, high)
+    except argparse.ArgumentTypeError as error:
+        said = f"{error} m; lengths are in metres" if _is_number(text) else str(error)
+        meant = float(text) * 1e-3 if _is_number(text) else low - 1.0
+        if low <= meant <= high and meant:
+            said += f": did you mean {meant:.6g}?"
+        raise argparse.ArgumentTypeError(said) from None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def say(text: str) -> None:

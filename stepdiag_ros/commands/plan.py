@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.commands.arguments import Command, Group, add_common
-from stepdiag_ros.commands.output import number, say, warn
+from stepdiag_ros.commands.output import metres, number, say, warn
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.machine import Machine
@@ -209,7 +209,7 @@ def _positive(text: str) -> float:
 
 
 def _length(text: str) -> float:
-    return number(text, 1e-3, 100.0)
+    return metres(text, 1e-3, 100.0)
 
 
 def _not_negative(text: str) -> float:
@@ -225,7 +225,7 @@ def _duration(text: str) -> float:
 
 
 def _coordinate(text: str) -> float:
-    return number(text, -100.0, 100.0)
+    return metres(text, -100.0, 100.0)
 
 
 def _count(text: str) -> int:

@@ -8,6 +8,7 @@ from stepdiag_ros.metrology.visibility import Visibility, visibility
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
 from stepdiag_ros.planning.expectation import PlanExpectation, expect, expect_with_rotations
 from stepdiag_ros.planning.limits import limits, warnings
+from stepdiag_ros.planning.own_lines import AxisWithoutLine, axes_without_line
 from stepdiag_ros.planning.undetermined import Undetermined, undetermined
 from stepdiag_ros.run.feasibility import beyond_machine
 
@@ -28,6 +29,7 @@ class Assessment:
         seen: visibility without rotations.
         seen_rotating: visibility with all rotations free; None without a chain.
         undetermined: which of the nine curves and squareness errors it does not determine.
+        without_line: axes whose positioning only step diagonals show.
         limits: what the plan does not determine, in sentences.
         warnings: what is unwise in it, in sentences.
     """
@@ -42,6 +44,7 @@ class Assessment:
     seen: Visibility
     seen_rotating: Visibility | None
     undetermined: Undetermined
+    without_line: tuple[AxisWithoutLine, ...]
     limits: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -70,18 +73,21 @@ def assess(
     seen = visibility(plan, "", stop_uncertainty)
     rotating = visibility(plan, chain, stop_uncertainty) if chain else None
     unknown = undetermined(plan, seen)
+    printed = expect_with_rotations(plan, stop_uncertainty, chain, machine.rotations)
+    taken = duration(plan, machine, assumptions)
     said = limits(plan, chain, stop_uncertainty, seen, rotating)
     return Assessment(
         plan=plan,
         machine=machine,
         stop_uncertainty=stop_uncertainty,
-        duration=duration(plan, machine, assumptions),
+        duration=taken,
         expectation=expect(plan, stop_uncertainty),
-        with_rotations=expect_with_rotations(plan, stop_uncertainty, chain, machine.rotations),
+        with_rotations=printed,
         rotating=expect(plan, stop_uncertainty, chain) if chain else None,
         seen=seen,
         seen_rotating=rotating,
         undetermined=unknown,
+        without_line=axes_without_line(plan, machine, stop_uncertainty, taken.assumptions, printed),
         limits=(*([unknown.sentence] if unknown.sentence else []), *said),
         warnings=tuple(warnings(plan)),
     )

@@ -116,8 +116,17 @@ def limits(
             " approached in its direction: end stops show no reversal error. --overrun 0.002 (in a"
             " plan, overrun_m) adds one of 2 mm."
         )
-    if _repeats(plan) < 2:
-        sentences.append("Not every line is repeated the same way: its repeatability is not seen.")
+    counts = _repeats(plan)
+    if max(counts) < 2:
+        each = " in each direction" if any(one.direction == BACKWARD for one in plan.lines) else ""
+        sentences.append(
+            f"Each line is run once{each}: repeatability does not follow. --repeats 2 (in a"
+            " plan, repeats) runs each twice."
+        )
+    elif min(counts) < 2:
+        sentences.append(
+            "Some lines are run only once in a direction: their repeatability does not follow."
+        )
     if not any(line.kind == LINEAR for line in plan.lines):
         sentences.append(
             "No linear axis is measured by itself: no reading shows an axis's positioning alone."
@@ -249,10 +258,10 @@ def single(group: Group, plan: Plan) -> tuple[Line, ...]:
     return lines_of(Scheme("", (group,)), plan.volume, 1, (FORWARD,))
 
 
-def _repeats(plan: Plan) -> int:
-    """Return how often the least repeated pass is run the same way."""
+def _repeats(plan: Plan) -> list[int]:
+    """Return how often each pass is run the same way."""
     count: dict[tuple[str, str, str], int] = {}
     for line in plan.lines:
         key = (plan.setup_of(line), line.order, line.direction)
         count[key] = count.get(key, 0) + 1
-    return min(count.values())
+    return list(count.values())

@@ -1,6 +1,6 @@
 """Figures of a machine over its years: runs, line, control limits, tolerance and changes."""
 
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,12 @@ from stepdiag_ros.plots.style import (
 )
 from stepdiag_ros.words.diagnosis import readable_unit
 from stepdiag_ros.words.trends import crossing_words, history_sentence
+
+_YEAR = timedelta(days=365.2425)
+_NARROW = 0.5
+"""Years: a shorter history gets a time axis of its own."""
+_LEAST = 0.1
+"""Years on both sides of the middle of such an axis, at least."""
 
 
 def years_of_machine(
@@ -81,10 +87,18 @@ def _draw(panel: Any, figure: FigureHistory) -> None:
         else:
             ends = [_year_of(date_of(one)) for one in (change.earliest, change.latest)]
             panel.axvspan(*ends, color=BEFORE.colour, alpha=0.25, linewidth=0.0)
+    middle, wide = 0.5 * (years[0] + years[-1]), years[-1] - years[0]
+    if wide < _NARROW:
+        # Runs of one day would stand in a scale of centuries.
+        half = max(0.55 * wide, _LEAST)
+        panel.set_xlim(middle - half, middle + half)
+        panel.ticklabel_format(axis="x", useOffset=False)
+        panel.locator_params(axis="x", nbins=4)
     told = "too few runs" if trend.unknown else crossing_words(trend)
     panel_title(panel, f"{figure.name}\noutside: {told}")
     scales(panel, "year", f"{figure.name.split(':')[0]} / {unit}" if unit else figure.name)
 
 
 def _year_of(date: datetime) -> float:
-    return date.year + (date.timetuple().tm_yday - 1) / 365.2425
+    begins = date.replace(month=1, day=1, hour=0, minute=0, second=0, microsecond=0)
+    return date.year + (date - begins) / _YEAR

@@ -113,6 +113,21 @@ class Expectations:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AxisWithoutLine:
+    """An axis whose positioning only step diagonals show."""
+
+    axis: Annotated[str, one_of("X", "Y", "Z")]
+    curve: Annotated[str, means("Its positioning, such as E_XX.")]
+    standard_uncertainty: Annotated[
+        Uncertainty, means("Expected of the curve with rotations, largest over the nodes, m.")
+    ]
+    standard_uncertainty_with_line: Annotated[
+        Uncertainty, means("The same if each of these axes had a linear line, m.")
+    ]
+    duration_of_line: Annotated[float, means("Alignment included, s.")]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Candidate:
     """A plan that would do."""
 
@@ -176,6 +191,13 @@ class Document:
                 "Which further lines would determine all of them, in words; null where none is"
                 " missing or none was found."
             ),
+        ]
+        | UnsetType
+    ) = UNSET
+    axes_without_line: (
+        Annotated[
+            Sequence[AxisWithoutLine],
+            means("Axes along which no linear line runs, of a plan with step diagonals."),
         ]
         | UnsetType
     ) = UNSET

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
+from msgspec import UNSET, UnsetType
+
 from stepdiag_ros.metrology.trends.crossing import Outlook
 from stepdiag_ros.schemas.parts import (
     Chance,
@@ -63,6 +65,16 @@ class Figure:
     line: Annotated[Numbers, means("Level at each run; empty if unknown.")]
     line_expanded_uncertainties: Annotated[Numbers, means("U of the line, 95 %.")]
     other_methods: Annotated[Count, means("Runs left out, since another method solved them.")]
+    other_boxes: (
+        Annotated[
+            Count,
+            means(
+                "Runs left out, since they measured another box than the newest; 0 of figures that"
+                " do not depend on the box."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     unknown: Annotated[
         Text,
         one_of("runs", "time", None),

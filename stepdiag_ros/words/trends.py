@@ -24,6 +24,9 @@ _REASONS = {
     Outlook.LAST_ALONE: "its last run stands alone; measure again",
     Outlook.MAYBE_OUTSIDE: "it may be outside its tolerance already",
 }
+_LAST = "(last)"
+"""Marks a value that is of the last run, not of the level of all."""
+LAST_SENTENCE = f"{_LAST}: the value of the last run with its U, since the level is unknown."
 _MEANING = {"step": "changed", "bend": "changed its trend", "alone": "stands alone"}
 _LEFT_OUT = {
     "temperature": "its influence is not separated: it hardly varies, or the runs are too few",
@@ -35,6 +38,14 @@ _LEFT_OUT = {
 def value_words(figure: FigureHistory, value: float, expanded: float) -> str:
     """Write a value of a figure with its U, in the unit of ``unit_words``."""
     return with_expanded(value, expanded, readable_unit(figure.unit)[1])
+
+
+def now_words(figure: FigureHistory) -> str:
+    """Write what a figure is now, with its U: the level, or marked the last value without one."""
+    trend = figure.trend
+    if not trend.unknown:
+        return value_words(figure, trend.level, trend.level_expanded)
+    return f"{value_words(figure, figure.values[-1], figure.expanded[-1])} {_LAST}"
 
 
 def unit_words(figure: FigureHistory) -> str:
@@ -177,6 +188,12 @@ def remarks(machine: MachineHistory) -> list[str]:
     others = max(one.other_methods for one in machine.figures)
     if others:
         said.append(f"{others} runs were solved by another method, and are left out.")
+    boxes = max(one.other_boxes for one in machine.figures)
+    if boxes:
+        said.append(
+            f"{boxes} runs measured another box than the newest: figures that depend on the box are"
+            " followed without them."
+        )
     if all(one.trend.crossing.outlook is Outlook.NOT_ASKED for one in machine.figures):
         said.append(f"No tolerance is stated: give it under tolerances in {FILE}.")
     few = sum(one.trend.unknown == "runs" for one in machine.figures)
@@ -185,5 +202,7 @@ def remarks(machine: MachineHistory) -> list[str]:
             f"{few} of {len(machine.figures)} figures have fewer than {FEWEST} runs: their trend"
             " is unknown."
         )
+    if any(one.trend.unknown for one in machine.figures):
+        said.append(LAST_SENTENCE)
     said.append(f"If nothing changed, any change is reported with a chance of at most {LEVEL:.0%}.")
     return said

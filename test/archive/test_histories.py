@@ -12,13 +12,16 @@ from refused import refused
 
 from stepdiag_ros.archive import catalogue
 from stepdiag_ros.archive.catalogue import Catalogue
-from stepdiag_ros.archive.histories import histories
+from stepdiag_ros.archive.histories import axes_of, histories
 from stepdiag_ros.archive.place import Place
 from stepdiag_ros.archive.rows import Rows
 from stepdiag_ros.archive.stated import FILE
 from stepdiag_ros.cli import main
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.trends.crossing import Outlook
+from stepdiag_ros.plots.trends import years_of_machine
+from stepdiag_ros.text.numbers import with_expanded
+from stepdiag_ros.words.trends import now_words, remarks
 
 BEGAN = datetime(2021, 1, 1, tzinfo=timezone.utc)
 TALES = {"lathe": 6e-6, "mill": 0.0, "new": 1e-6}
@@ -125,6 +128,62 @@ def test_what_is_stated_of_scales_widens_what_depends_on_them(place, tmp_path):
     assert angles[0] == pytest.approx(angles[1])
 
 
+def series_in_boxes(tmp_path, sides):
+    """Return the history of a machine whose runs measured X from 0 to these ends, m."""
+    place, rows = Place(str(tmp_path / "boxes")), Rows()
+    for number, side in enumerate(sides):
+        made = made_up(
+            digest(number), "part", machine="m", start_time=BEGAN + timedelta(hours=number)
+        )
+        object.__setattr__(made.curves[0], "position_m", [0.0, side])
+        for one in made.figures:
+            object.__setattr__(one, "value", 1e-6 * side)
+        for table in ("runs", "figures", "curves"):
+            getattr(rows, table).extend(getattr(made, table))
+    catalogue.write_part(place, "part", rows)
+    return place, read(place, "m")["m"]
+
+
+def test_what_depends_on_the_box_is_followed_in_the_newest_box_only(tmp_path):
+    history = series_in_boxes(tmp_path, (0.12, 0.03, 0.12, 0.1201))[1]
+    positioning, angle = figure(history, "positioning E_XX"), figure(history, "C0Y")
+    assert (positioning.other_boxes, len(positioning.values)) == (1, 3)
+    assert 0.03e-6 not in [pytest.approx(one) for one in positioning.values]
+    assert (angle.other_boxes, len(angle.values)) == (0, 4)
+    assert history.runs == 4
+    assert sum("box" in one for one in remarks(history)) == 1
+    same = series_in_boxes(tmp_path / "same", (0.12, 0.12))[1]
+    assert not any("box" in one for one in remarks(same))
+
+
+@pytest.mark.parametrize(
+    ("name", "axes"),
+    [
+        ("largest in volume", (0, 1, 2)),
+        ("diagonal ppp", (0, 1, 2)),
+        ("positioning E_YY", (1,)),
+        ("straightness E_YX", (0,)),
+        ("angular E_AZ", (2,)),
+        ("C0Y", ()),
+        ("backlash of X: lost_motion", ()),
+    ],
+)
+def test_the_axes_that_a_figure_depends_on(name, axes):
+    assert axes_of(name) == axes
+
+
+def test_of_few_runs_the_last_value_is_shown_and_the_picture_has_a_scale_of_its_runs(
+    tmp_path, capsys
+):
+    place, history = series_in_boxes(tmp_path, (0.12, 0.12, 0.12))
+    one = figure(history, "C0Y")
+    assert np.isnan(one.trend.level) and with_expanded(1.2e-7, 2e-7, 1e6) in now_words(one)
+    assert main(["history", place.url, "m"]) == 0
+    assert "(last)" in capsys.readouterr().out
+    low, high = years_of_machine(history).axes[0].get_xlim()
+    assert 2021.0 - 0.2 < low < 2021.0 < high < 2021.0 + 0.2
+
+
 @pytest.mark.parametrize(
     ("text", "about"),
     [
@@ -160,6 +219,7 @@ def test_json_holds_what_is_known_and_null_for_the_rest(place, capsys):
     assert main(["history", place.url, "--json"]) == 0
     found = {one["name"]: one for one in json.loads(capsys.readouterr().out)["machines"]}
     new = found["new"]["figures"][0]
+    assert new["other_boxes"] == 0
     assert new["unknown"] == "runs" and new["level"] is None and new["limits"] == [None, None]
     assert found["lathe"]["figures"][0]["level_expanded_uncertainty"] > 0.0
     assert len(found["mill"]["figures"][0]["line"]) == found["mill"]["runs"]

@@ -7,6 +7,7 @@ import pytest
 from refused import refused
 
 from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.plain_table import read_rows
 from stepdiag_ros.bags.table import read_table
 from stepdiag_ros.bags.table_rows import COLUMNS
 
@@ -351,3 +352,13 @@ def test_a_box_that_cannot_be_seen(rows, tmp_path):
 
 def test_a_single_stop(rows, tmp_path):
     is_refused(rows[:2], tmp_path, 2, "too_few")
+
+
+def test_a_misspelt_column_that_is_needed_is_asked_about(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text(",".join("readings_m" if one == "reading_m" else one for one in COLUMNS) + "\n")
+    with refused(TableError, "missing", "reading_m", "readings_m"):
+        read_table(path)
+    path.write_text("cycel,target_mm\n1,2\n")
+    with refused(TableError, "missing", "cycle", "cycel"):
+        read_rows(path, ("cycle", "target_mm"))

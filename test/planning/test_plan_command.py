@@ -156,6 +156,20 @@ def test_wrong_usage_ends_with_2(folder, capsys, arguments):
     assert list(folder.iterdir()) == []
 
 
+def test_a_travel_in_millimetres_is_answered_in_metres(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["plan", "--for", "quick", "--travel", "600", "400", "300"])
+    said = " ".join(capsys.readouterr().err.split())
+    assert "--travel" in said and "600" in said and "0.6" in said and "metres" in said
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_rates_of_drift_that_were_taken_are_stated(capsys):
+    assert cli.main(["plan", "--for", "quick", "--travel", "0.6", "0.4", "0.3"]) == 0
+    drift = next(one for one in capsys.readouterr().out.splitlines() if "growth_per_s" in one)
+    assert "5e-10" in drift and "1e-10" in drift and drift.count("default") == 2
+
+
 def test_only_the_travel_is_enough(folder, capsys):
     travel = ["--travel", "0.8", "0.5", "0.4", "--time", "2h", "--output", "mine.yaml"]
     assert cli.main(["plan", "--for", "squareness", *travel, "--no-picture"]) == 0

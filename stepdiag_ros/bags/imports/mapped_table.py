@@ -390,6 +390,7 @@ def _stops(
             environment=numbers.environment(cells),
             told=numbers.told(cells),
             standard_uncertainty=numbers.known(cells, "uncertainty"),
+            run=numbers.run(cells) if "run" in cells.texts else None,
         )
 
 

@@ -157,6 +157,9 @@ def read_source(path: str | Path) -> SourceFile:
     return SourceFile(path, data)
 
 
+_SIGNS = {".": "point", ",": "comma"}
+
+
 def number_in(
     text: str, source: str, row: int, what: str, decimal: str = ".", by: str = "--decimal"
 ) -> float:
@@ -180,10 +183,11 @@ def number_in(
     elif decimal == ",":
         plain = ""
     if not _NUMBER.fullmatch(plain) or not math.isfinite(float(plain)):
-        hint = ""
+        # A text with digits is meant as a number, and the sign in it may be the fault.
+        hint = f" with a decimal {_SIGNS[decimal]}" if re.search(r"\d", text) else ""
         if re.fullmatch(rf"[+-]?\d*\{other}\d+", text.strip()):
-            sign = "comma" if other == "," else "point"
-            hint = f"; it has a decimal {sign}: say so with {by.format(sign=sign)}"
+            sign = _SIGNS[other]
+            hint += f"; it has a decimal {sign}: say so with {by.format(sign=sign)}"
         raise refusal(
             source, row, f"{what} is '{_short(text)}', expected a number{hint}", fault="malformed"
         )

@@ -242,16 +242,11 @@ def _not_determined(observations: Observations, estimate: CurveEstimate) -> list
         else:
             nothing.append(name)
     words = []
-    measured = {setup.line for setup in observations.setups}
     if nothing:
         words.append(f"{', '.join(nothing)}: the lines so far do not tell these curves.")
     words.extend(partly)
     if shape_only:
-        text = f"{', '.join(shape_only)}: only the shape is determined, not the slope."
-        linear = [line for line in "xyz" if line not in measured]
-        if linear:
-            text += f" Measure the linear lines {', '.join(linear)}."
-        words.append(text)
+        words.append(f"{', '.join(shape_only)}: only the shape is determined, not the slope.")
     return words
 
 

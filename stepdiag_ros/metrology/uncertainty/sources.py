@@ -224,7 +224,8 @@ def _angular(readings: Readings, instrument: Instrument, names: tuple[str, ...])
     spread, note = instrument.angular_errors, ""
     if not spread.known:
         spread = Spread(measurement.plausible.rotation)
-        note = f"not given: {spread.standard_uncertainty * 1e6:.3g} µrad assumed as plausible"
+        size = f"{spread.standard_uncertainty * 1e6:.3g} µrad"
+        note = f"not in the instrument file: {size}, the plausible size of the machine"
     slopes = np.full((3, 3 * MODES, len(seen.displacement)), _UNKNOWN)
     truly: dict[str, Vector] = {}
     if measurement.chain:

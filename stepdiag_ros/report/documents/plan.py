@@ -12,6 +12,7 @@ from stepdiag_ros.report.documents.run import visibility_part
 from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.plan import (
     Assumptions,
+    AxisWithoutLine,
     Candidate,
     Document,
     Duration,
@@ -98,6 +99,16 @@ def assessment_document(
         else visibility_part(assessment.seen_rotating),
         undetermined=assessment.undetermined.names,
         lines_that_would_tell=assessment.undetermined.remedy_words or None,
+        axes_without_line=[
+            AxisWithoutLine(
+                axis=one.axis,
+                curve=one.curve,
+                standard_uncertainty=one.uncertainty,
+                standard_uncertainty_with_line=one.with_line,
+                duration_of_line=one.seconds,
+            )
+            for one in assessment.without_line
+        ],
         limits=assessment.limits,
         warnings=assessment.warnings,
         proposal=None if proposal is None else _proposal(proposal),

@@ -49,6 +49,7 @@ def _figure(figure: FigureHistory) -> Figure:
             **content,
             "times": [_stamp(one) for one in figure.times],
             "expanded_uncertainties": figure.expanded,
+            "other_boxes": figure.other_boxes,
             "adjusted": trend.adjusted.tolist(),
             "line": trend.line.tolist(),
             "line_expanded_uncertainties": trend.line_expanded.tolist(),

@@ -31,6 +31,7 @@ from stepdiag_ros.words.trends import (
     change_sentence,
     crossing_sentence,
     crossing_words,
+    now_words,
     remarks,
     unit_words,
     value_words,
@@ -168,7 +169,7 @@ def _details(
 
 def _figure(figure: FigureHistory) -> list[str]:
     trend = figure.trend
-    now = value_words(figure, trend.level, trend.level_expanded)
+    now = now_words(figure)
     a_year = value_words(figure, trend.slope, trend.slope_expanded)
     return [figure.name, unit_words(figure), now, a_year, crossing_words(trend)]
 

@@ -156,7 +156,7 @@ def gap_table(report: DiagnosisReport) -> Table:
         "χ²",
         "degrees of freedom",
         "χ² per degree of freedom",
-        "p of the fit",
+        "p: total and shapes",
         "rms / µm",
         "largest / µm",
     )

@@ -6,6 +6,7 @@ from math import isfinite
 from stepdiag_ros import __version__
 from stepdiag_ros.metrology.checking import FASTEST_FEED
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.planning.assessment import Assessment
@@ -38,8 +39,11 @@ def box_table(assessment: Assessment) -> Table:
 
 def duration_table(duration: PlanDuration) -> Table:
     """Return the duration by setup, and in all."""
+    shifted = next((line.setup for line in duration.lines if "@" in line.setup), "")
+    name, _, place = shifted.partition("@")
+    how = f"; {shifted}: {name} shifted by {place.replace(',', ', ')} m (X, Y, Z)" if name else ""
     table = new_table(
-        "Duration", "setup", "passes", "stops", "alignment", "moves", "dwells", "together"
+        f"Duration{how}", "setup", "passes", "stops", "alignment", "moves", "dwells", "together"
     )
     for setup, lines in groupby(duration.lines, key=lambda line: line.setup):
         table.add_row(setup, *_duration_cells(list(lines)))
@@ -101,6 +105,18 @@ def uncertainty_table(assessment: Assessment) -> Table:
 
 def _microradians(assessment: Assessment) -> str:
     return f"{assessment.machine.rotations * IN_MICRO:g} µrad"
+
+
+def _rates(machine: Machine) -> str:
+    """Return the rates of drift, and which of them are the usual ones."""
+    told = {
+        "zero_drift_m_per_s": (machine.zero_drift_m_per_s, Machine.zero_drift_m_per_s),
+        "growth_per_s": (machine.growth_per_s, Machine.growth_per_s),
+    }
+    return ", ".join(
+        f"{key} {rate:g}{', the default' if rate == usual else ''}"
+        for key, (rate, usual) in told.items()
+    )
 
 
 def _expanded(standard_uncertainty: float) -> str:
@@ -186,6 +202,13 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
             f"The step diagonals move the mirror sideways by {width * IN_MILLI:.1f} mm: it must be"
             " at least that much wider than the beam."
         )
+    sentences += [
+        f"{one.axis} has no linear line: U of its positioning {one.curve} is"
+        f" {size_words(COVERAGE_FACTOR * one.uncertainty, 'm')}. With a line along {one.axis},"
+        f" which takes {hours(one.seconds)}, it would be"
+        f" {size_words(COVERAGE_FACTOR * one.with_line, 'm')}."
+        for one in assessment.without_line
+    ]
     if proposal is not None:
         purpose, chosen = PURPOSES[proposal.request.purpose], proposal.chosen
         expected = size_words(chosen.uncertainty, purpose.unit)
@@ -204,7 +227,7 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
             sentences.append(f"What limits it most: {chosen.limited}.")
         if isfinite(chosen.drift):
             sentences.append(
-                f"Drift at the machine's rate (zero_drift_m_per_s, growth_per_s) may add"
+                f"Drift at the machine's rate ({_rates(assessment.machine)}) may add"
                 f" {size_words(chosen.drift, purpose.unit)} in this order of the lines."
             )
         sentences += [f"Not taken: {words}." for words in proposal.discarded]

@@ -8,12 +8,14 @@ from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Column, Table
 from stepdiag_ros.words.diagnosis import readable_unit
 from stepdiag_ros.words.trends import (
+    LAST_SENTENCE,
     attention_words,
     change_sentences,
     crossing_words,
     effects_sentence,
     history_sentence,
     limitations,
+    now_words,
     value_words,
 )
 
@@ -45,7 +47,7 @@ def print_machines(machines: Sequence[MachineHistory], console: PlainConsole, ev
             if one.name == LARGEST:
                 trend = one.trend
                 sizes = [
-                    value_words(one, trend.level, trend.level_expanded),
+                    now_words(one),
                     value_words(one, trend.slope, trend.slope_expanded),
                 ]
         table.add_row(
@@ -55,6 +57,8 @@ def print_machines(machines: Sequence[MachineHistory], console: PlainConsole, ev
             attention_words(machine),
         )
     console.print(table)
+    if any(one.trend.unknown for machine in machines for one in machine.figures):
+        console.sentence(LAST_SENTENCE)
     _print_rest(len(machines), "machines", console, every)
 
 
@@ -101,7 +105,7 @@ def figures_table(machine: MachineHistory, most: int | None = None) -> Table:
         limits = [plain(limit * factor, 1) for limit in trend.limits]
         table.add_row(
             f"{one.name} / {unit}" if unit else one.name,
-            value_words(one, trend.level, trend.level_expanded),
+            now_words(one),
             value_words(one, trend.slope, trend.slope_expanded),
             UNKNOWN if trend.unknown else "..".join(limits),
             crossing_words(trend),

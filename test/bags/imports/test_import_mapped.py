@@ -2,6 +2,7 @@
 
 import csv
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from refused import a_fault, refused
 from stepdiag_ros.bags.axis_table import read_axis_table
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.imported import ImportOptions
+from stepdiag_ros.bags.imports.made import NO_CHAIN, farthest_reading
 from stepdiag_ros.bags.imports.mapping import mapping_of
 from stepdiag_ros.bags.imports.registry import import_file, read_file
 from stepdiag_ros.bags.run import load_run
@@ -253,6 +255,56 @@ def test_a_mapping_file_that_is_wrong_is_refused_with_its_key(name, change, said
     path = COLUMNS if name == "runs_in_columns" else ROWS
     with refused(TableError, said):
         read_file(path, by(written(tmp_path, name, change), axis="X"))
+
+
+def page_example(tmp_path):
+    """Write the example of the how-to, table and mapping, and return their paths."""
+    page = (Path(__file__).parents[3] / "docs" / "how_to" / "import.md").read_text("utf-8")
+    section = page.partition("## Example: a step diagonal")[2]
+    table, mapping = (part.partition("\n")[2] for part in section.split("```")[1:4:2])
+    paths = tmp_path / "diagonal.csv", tmp_path / "diagonal.yaml"
+    for path, text in zip(paths, (table, mapping), strict=True):
+        path.write_text(text, encoding="utf-8")
+    return paths
+
+
+def test_the_example_on_the_page_is_imported_by_the_mapping_beside_it(tmp_path, capsys):
+    table, mapping = page_example(tmp_path)
+    bag = tmp_path / "my_run.mcap"
+    assert main(["import", str(table), str(bag), "--mapping", str(mapping)]) == 0
+    shown = capsys.readouterr()
+    forward, backward = load_run(bag).lines
+    assert (forward.line.direction, backward.line.direction) == (FORWARD, BACKWARD)
+    assert backward.target[0] == pytest.approx(forward.target[-1])
+    assert backward.target[0] == pytest.approx([0.08, 0.06, 0.05])
+    volume = load_run(bag).plan.volume
+    found = farthest_reading(load_run(bag).lines, volume)
+    assert abs(found.deviation) == pytest.approx(0.8e-6, abs=0.06e-6)
+    assert f"{found.deviation * 1e6:.4g} µm" in shown.out and "X 0 to 80" in shown.out
+    assert "chain" not in shown.err
+
+
+def test_an_import_of_diagonals_without_a_chain_warns(tmp_path, capsys):
+    table, mapping = page_example(tmp_path)
+    kept = [line for line in mapping.read_text().splitlines() if not line.startswith("chain")]
+    mapping.write_text("\n".join(kept))
+    told = ["import", str(table), str(tmp_path / "b.mcap"), "--mapping", str(mapping)]
+    assert main(told) == 0
+    assert NO_CHAIN.partition(":")[0] in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("ppp;1;backward;3;", "ppp;1;backward;4;", a_fault("missing", "run 1", "backward", row=12)),
+        ("\nppp;1;forward;0;0,0000", "\nppp;1;forward;0;0,0x", a_fault("malformed", "comma")),
+        ("\nppp;1;forward;0;0,0000", "\nppp;1;forward;0;0.1", a_fault("malformed", "comma")),
+    ],
+)
+def test_a_refusal_names_the_run_of_the_file_and_the_decimal_sign(tmp_path, old, new, said):
+    table, mapping = page_example(tmp_path)
+    with refused(TableError, said):
+        read_file(changed(table, old, new, table.parent), by(str(mapping)))
 
 
 def test_the_command_says_what_it_made_and_refuses_in_one_sentence(tmp_path, capsys):

@@ -28,6 +28,7 @@ def _tell(material: Material) -> SectionContent | str:
 
     history = given.machine
     worst = sorted(history.figures, key=urgency)[:_DRAWN]
+    unknown = all(one.trend.unknown for one in history.figures)
     alone = (
         [] if given.contains_run else ["This run is not in the archive: the history is without it."]
     )
@@ -38,7 +39,9 @@ def _tell(material: Material) -> SectionContent | str:
             "changes": change_sentences(history),
             "limitations": limitations(history),
         },
-        {
+        {}
+        if unknown
+        else {
             "years": Drawing(
                 "years_of_machine",
                 (replace(history, figures=tuple(worst)),),

@@ -1,0 +1,81 @@
+"""What a user compares an import with: the measured box, and how far readings are from nominal."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag_ros.bags.run import RecordedRun
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.measurement import MeasuredLine
+from stepdiag_ros.metrology.plan import DIAGONAL, STEP_DIAGONAL, Volume
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+
+NO_CHAIN = (
+    "the kinematic chain is not stated: U takes the mean of what rotations do in all six chains, so"
+    " that of the largest error is mostly larger than with the chain and that of a single curve may"
+    " be too small; methods that determine angular errors refuse. State 'chain'"
+)
+
+
+@dataclass(frozen=True)
+class FarthestReading:
+    """The reading that deviates most from the commanded displacement.
+
+    Attributes:
+        deviation: m; relative to the first reading of its pass.
+        line: pass that it is of.
+        stop: from 0 along the direction.
+    """
+
+    deviation: float
+    line: MeasuredLine
+    stop: int
+
+
+def farthest_reading(lines: Sequence[MeasuredLine], volume: Volume) -> FarthestReading | None:
+    """Return the reading with the largest deviation; None without one.
+
+    Args:
+        lines: as they were measured, not by a tracker.
+        volume: the measured box.
+    """
+    found: FarthestReading | None = None
+    for line in lines:
+        nominal = line.line.beam(volume).between(line.target[0], line.target)
+        away = line.displacement - nominal
+        known = np.flatnonzero(np.isfinite(away))
+        if not len(known):
+            continue
+        away = away - away[known[0]]
+        stop = int(known[np.argmax(np.abs(away[known]))])
+        if found is None or abs(away[stop]) > abs(found.deviation):
+            found = FarthestReading(float(away[stop]), line, stop)
+    return found
+
+
+def what_was_made(run: RecordedRun) -> list[str]:
+    """Return the box and the largest deviation of a reading, in sentences.
+
+    Args:
+        run: that was imported.
+    """
+    volume = run.plan.volume
+    sides = ", ".join(
+        f"{letter} {nodes[0] * IN_MILLI:.6g} to {nodes[-1] * IN_MILLI:.6g}"
+        for letter, nodes in zip(AXES, volume.all_nodes, strict=True)
+    )
+    said = [f"measured box in mm: {sides}"]
+    # A tracker reads lengths from its own place, which the evaluation has to locate first.
+    farthest = farthest_reading(run.lines, volume) if run.plan.tracker is None else None
+    if farthest is not None:
+        said.append(
+            f"largest deviation of a reading from nominal: {farthest.deviation * IN_MICRO:.4g} µm"
+            f" ({farthest.line.line}, stop {farthest.stop})"
+        )
+    return said
+
+
+def lacks_chain(run: RecordedRun) -> bool:
+    """Say whether a run has lines along which rotations act by the chain, and states none."""
+    return not run.chain and any(one.kind in (STEP_DIAGONAL, DIAGONAL) for one in run.plan.lines)

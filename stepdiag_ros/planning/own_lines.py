@@ -1,0 +1,93 @@
+"""Axes along which no line of a plan runs: how uncertain that leaves them, and what a line costs.
+
+Step diagonals determine the positioning of an axis that has no linear line. They do so less well,
+since the rotations of all axes act on them.
+"""
+
+from dataclasses import dataclass, replace
+from math import isfinite
+
+from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES
+from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.plan import FORWARD, LINEAR, STEP_DIAGONAL, Line, Plan
+from stepdiag_ros.planning.duration import Assumptions
+from stepdiag_ros.planning.expectation import (
+    POSITIONING,
+    PlanExpectation,
+    expect_with_rotations,
+)
+from stepdiag_ros.planning.offers import StopNoise, offers_at_stops
+
+
+@dataclass(frozen=True)
+class AxisWithoutLine:
+    """An axis along which no linear line of a plan runs.
+
+    Attributes:
+        axis: its letter.
+        curve: its positioning, such as ``E_XX``.
+        uncertainty: expected standard uncertainty of the curve, largest over the nodes, m.
+        with_line: the same if each axis without a line had one, m.
+        seconds: time for such a line, run as often as the others, its alignment included, s.
+    """
+
+    axis: str
+    curve: str
+    uncertainty: float
+    with_line: float
+    seconds: float
+
+
+def axes_without_line(
+    plan: Plan,
+    machine: Machine,
+    stop_uncertainty: float,
+    assumptions: Assumptions,
+    expected: PlanExpectation,
+) -> tuple[AxisWithoutLine, ...]:
+    """Return the axes whose positioning only step diagonals show, and what a line would give.
+
+    Args:
+        plan: what is measured.
+        machine: that shall execute it.
+        stop_uncertainty: standard uncertainty of a single stop, m.
+        assumptions: for the duration.
+        expected: uncertainties of the plan with plausible rotations.
+    """
+    if not any(line.kind == STEP_DIAGONAL for line in plan.lines):
+        return ()
+    measured = {line.name for line in plan.lines if line.kind == LINEAR}
+    missing = [
+        (letter, name, curve)
+        for letter, name, curve in zip(AXES, LINEAR_LINES, POSITIONING, strict=True)
+        if name not in measured and isfinite(expected.positioning[curve])
+    ]
+    if not missing:
+        return ()
+    directions = tuple(dict.fromkeys(line.direction for line in plan.lines))
+    offers = offers_at_stops(
+        [Line(LINEAR, name, "", 0, FORWARD) for _, name, _ in missing],
+        plan,
+        machine,
+        StopNoise(stop_uncertainty),
+        directions,
+        assumptions,
+        1 + max(line.repeat for line in plan.lines),
+    )
+    added = tuple(line for offer in offers for line in offer.passes(1))
+    better = expect_with_rotations(
+        replace(plan, lines=(*plan.lines, *added)),
+        stop_uncertainty,
+        machine.chain,
+        machine.rotations,
+    )
+    return tuple(
+        AxisWithoutLine(
+            letter,
+            curve,
+            expected.positioning[curve],
+            better.positioning[curve],
+            offer.alignment + offer.seconds,
+        )
+        for (letter, _, curve), offer in zip(missing, offers, strict=True)
+    )
