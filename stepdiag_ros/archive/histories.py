@@ -19,32 +19,34 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 if TYPE_CHECKING:
     from stepdiag_ros.archive.catalogue import Catalogue
 
+UNNAMED = "unnamed"
 _TRAVELS = """
 select coalesce(machine, ?) as machine, name,
     max(list_max(position_m) - list_min(position_m)) as travel
 from curves where name in ('E_XX', 'E_YY', 'E_ZZ') group by all
 """
-_BOXES = """
+_BOXES = f"""
 select bag_sha256, run_id, name, min(list_min(position_m)) as low, max(list_max(position_m)) as high
 from curves where name in ('E_XX', 'E_YY', 'E_ZZ') and relied_on and len(position_m) > 0
+    and ? in ('', coalesce(machine, '{UNNAMED}'))
 group by all
 """
 Box = Mapping[int, tuple[float, float]]
 """Axis, 0 to 2 → first and last position that was measured, m; unknown axes are left out."""
 _SAME_BOX = 0.01
 """Ends of two boxes may differ by this share of a side, and are the same box."""
-UNNAMED = "unnamed"
 LARGEST = "largest in volume"
 _ORDER = (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE, Outlook.INTERVAL)
 _YEAR = timedelta(days=365.2425)
 _FIRST = datetime(1970, 1, 1, tzinfo=timezone.utc)
-_ROWS = """
+_ROWS = f"""
 select f.time, f.machine, f.run_id, f.bag_sha256, kind, f.method, name, unit, value,
     standard_uncertainty, expanded_uncertainty, instrument, instrument_serial_number,
     material_temperature_degC, material_temperature_range_K
 from figures f join runs r on f.bag_sha256 = r.bag_sha256
     and f.run_id is not distinct from r.run_id
-where f.time is not null and isfinite(value) and relied_on and ? in ('', f.machine)
+where f.time is not null and isfinite(value) and relied_on
+    and ? in ('', coalesce(f.machine, '{UNNAMED}'))
     and (kind in ('volume', 'effect') or kind = 'result' and not starts_with(name, 'tilt '))
 order by f.machine nulls last, f.time, f.bag_sha256
 """
@@ -185,7 +187,7 @@ def histories(
     for one in catalogue.ask(_TRAVELS, [UNNAMED]) if catalogue.stated.scales else ():
         travels.setdefault(one["machine"], {})[one["name"]] = one["travel"]
     boxes: dict[tuple[str, str | None], dict[int, tuple[float, float]]] = {}
-    for one in catalogue.ask(_BOXES):
+    for one in catalogue.ask(_BOXES, [machine]):
         axis, run = moving_axis(one["name"]), (one["bag_sha256"], one["run_id"])
         boxes.setdefault(run, {})[axis] = (one["low"], one["high"])
     number = len({row["machine"] for row in rows})

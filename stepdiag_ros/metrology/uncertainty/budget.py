@@ -232,5 +232,9 @@ def _remarks(sources: tuple[Source, ...], contributions: Vector, expansion: floa
             "Nothing was corrected to 20 °C: the results hold at the temperature that the machine "
             "had, and the expansion of its material is in no contribution."
         )
-    notes = dict.fromkeys(f"{source.name}: {source.note}." for source in sources if source.note)
+    named: dict[str, dict[str, None]] = {}
+    for source in sources:
+        if source.note:
+            named.setdefault(source.note, {})[source.name] = None
+    notes = [f"{', '.join(names)}: {note}." for note, names in named.items()]
     return [*remarks, *notes]

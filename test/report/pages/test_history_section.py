@@ -10,7 +10,7 @@ from refused import refused
 from report.pages.page_reading import ReadPage
 
 from stepdiag_ros.archive.catalogue import Catalogue
-from stepdiag_ros.archive.histories import history_of_run
+from stepdiag_ros.archive.histories import UNNAMED, history_of_run
 from stepdiag_ros.archive.place import Place
 from stepdiag_ros.bags.digest import sha256_of
 from stepdiag_ros.cli import main
@@ -89,6 +89,12 @@ def test_a_machine_that_was_renamed_is_found_by_its_name_in_the_bag(folder):
     state(place, f"machines: {{{MACHINE}: VMC 3}}\n")
     with Catalogue(place) as catalogue:
         assert history_of_run(catalogue, digest(9), MACHINE).machine.name == "VMC 3"
+
+
+def test_a_machine_without_a_name_has_its_history(folder):
+    with Catalogue(written(folder, run(1, None, 10, 2e-6), run(2, MACHINE, 5, 1e-6))) as catalogue:
+        found = history_of_run(catalogue, digest(1), "")
+        assert (found.machine.name, found.machine.runs) == (UNNAMED, 1)
 
 
 def test_a_machine_that_the_archive_does_not_have_is_refused(folder, tmp_path, capsys):
