@@ -213,7 +213,8 @@ def history_of_run(catalogue: "Catalogue", sha256: str, machine: str) -> History
     """
     query = "select machine, bag_sha256 = ? as same from runs where same or machine_stated = ?"
     found = catalogue.ask(f"{query} order by same desc limit 1", [sha256, machine])
-    (history,) = histories(catalogue, found[0]["machine"] or UNNAMED if found else machine)
+    name = found[0]["machine"] if found else machine
+    (history,) = histories(catalogue, name or UNNAMED)
     return HistoryOfRun(catalogue.place.url, bool(found and found[0]["same"]), history)
 
 

@@ -95,6 +95,8 @@ def test_a_machine_without_a_name_has_its_history(folder):
     with Catalogue(written(folder, run(1, None, 10, 2e-6), run(2, MACHINE, 5, 1e-6))) as catalogue:
         found = history_of_run(catalogue, digest(1), "")
         assert (found.machine.name, found.machine.runs) == (UNNAMED, 1)
+        # A bag that is not in the archive and names no machine is taken for one of these.
+        assert history_of_run(catalogue, digest(9), "").machine.name == UNNAMED
 
 
 def test_a_machine_that_the_archive_does_not_have_is_refused(folder, tmp_path, capsys):
