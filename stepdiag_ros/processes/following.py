@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 Granted = TypeVar("Granted")
 
 SETTLE_LIMIT = 3.0
-"""Real seconds in which a refused start, or a refused resumption, is tried again."""
+"""Real seconds in which a refused start is tried again."""
+REOPEN_LIMIT = 12.0
+"""Real seconds in which a refused resumption is tried again: a device that has failed is opened
+again after ``retry_after``, and until then the run that waits for it need not be lost."""
 RESUME_LIMIT = 5.0
 """Real seconds in which the run must go on after it was resumed."""
 GONE_LIMIT = 10.0
@@ -128,7 +131,7 @@ class FollowedRun:
                 stands still, unless the text states that it could not be stopped.
             KeyboardInterrupt: as asked; the machine stands still.
         """
-        self.run_id = self._until_granted(lambda: self._operator.start(plan, until))
+        self.run_id = self._until_granted(lambda: self._operator.start(plan, until), SETTLE_LIMIT)
         try:
             self._follow()
         except BaseException as error:
@@ -143,13 +146,13 @@ class FollowedRun:
             raise RunFailed(f"the run has stopped: {measured.text}", fault="stopped")
         return measured
 
-    def _until_granted(self, ask: Callable[[], Granted]) -> Granted:
-        """Ask until it is granted, as long as there is reason to hope.
+    def _until_granted(self, ask: Callable[[], Granted], limit: float) -> Granted:
+        """Ask until it is granted, for ``limit`` real seconds and while a node may yet wake.
 
         Raises:
             RunFailed: it was refused for too long.
         """
-        operator, patience = self._operator, Patience(SETTLE_LIMIT)
+        operator, patience = self._operator, Patience(limit)
         held = self._check()
         patience.is_over(held, operator.real_time())
         while True:
@@ -191,7 +194,7 @@ class FollowedRun:
     def _resume(self) -> None:
         operator, held = self._operator, self._operator.state
         try:
-            self._until_granted(lambda: operator.call("sequencer/resume"))
+            self._until_granted(lambda: operator.call("sequencer/resume"), REOPEN_LIMIT)
         except RunFailed as error:
             raise RunFailed(f"{held.text}: {error}") from None
         operator.spin_until(

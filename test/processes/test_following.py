@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from stepdiag_ros.processes.following import SETTLE_LIMIT, FollowedRun, RunFailed
+from stepdiag_ros.parameters.devices import MANAGED
+from stepdiag_ros.processes.following import REOPEN_LIMIT, SETTLE_LIMIT, FollowedRun, RunFailed
 from stepdiag_ros.run.taking_up import HELD_LIMIT
 
 ASKING = 10.0
@@ -41,7 +42,9 @@ class RefusingOperator:
 
 def started(operator: RefusingOperator, stopped_until: float) -> str:
     """Return the run that begins where a node is stopped until a moment."""
-    return followed(operator, stopped_until)._until_granted(lambda: operator.start(""))
+    return followed(operator, stopped_until)._until_granted(
+        lambda: operator.start(""), SETTLE_LIMIT
+    )
 
 
 def followed(operator: RefusingOperator, stopped_until: float) -> FollowedRun:
@@ -73,6 +76,22 @@ def test_a_refused_resumption_is_tried_again():
     operator = RefusingOperator(ASKING)
     followed(operator, ASKING)._resume()
     assert operator.state.state == 1
+
+
+def test_a_device_that_failed_may_be_opened_again_before_a_resumption_is_given_up():
+    reopened = next(one.default for one in MANAGED if one.name == "retry_after")
+    assert 2.0 * reopened < REOPEN_LIMIT
+    operator = RefusingOperator(reopened)
+    operator.call = lambda _: promptly(operator)
+    followed(operator, 0.0)._resume()
+    assert reopened <= operator.time < REOPEN_LIMIT and operator.state.state == 1
+
+
+def promptly(operator: RefusingOperator) -> None:
+    """Refuse a resumption at once until the moment, and grant it from then on."""
+    if operator.time < operator.until:
+        raise ValueError("the device will be opened again in 5 s")
+    operator.state = SimpleNamespace(state=1, line_index=3, text="")
 
 
 def test_a_resumption_that_is_refused_for_good_says_what_holds_the_run():
