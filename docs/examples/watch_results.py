@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tells in words how a measurement goes and what its worst errors are.
+"""Tells in words how a measurement goes and what its largest errors are.
 
 An example for nodes of your own that use results. On a ROS 2 that stepdiag_ros was built in:
 
@@ -40,7 +40,7 @@ STATES = {
 
 
 class WatchResults(Node):
-    """Prints the state of the run, the worst errors of each method, and the diagnosis."""
+    """Prints the state of the run, the largest errors of each method, and the diagnosis."""
 
     def __init__(self) -> None:
         super().__init__("watch_results")

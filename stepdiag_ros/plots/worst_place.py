@@ -1,4 +1,4 @@
-"""The machine's volume with its worst error: where it is, how large, and which way it points."""
+"""The machine's volume with its largest error: where it is, how large, and which way it points."""
 
 from typing import Any
 

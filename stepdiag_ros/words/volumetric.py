@@ -1,7 +1,7 @@
 """What a volumetric accuracy is."""
 
 DEFINITION = (
-    "Volumetric accuracy: length of the worst error vector between the target and the actual"
+    "Volumetric accuracy: length of the largest error vector between the target and the actual"
     " position anywhere in the measured volume (RL), in the frame of the error curves; zero at the"
     " first corner. Reversal and repeatability are not in it."
 )

@@ -183,7 +183,7 @@ def curve_lines(curves: Document, width: int, signs: Glyphs) -> Lines:
     """Return the largest value of each curve with U, where it is, and whether it grows."""
     if not curves["curves"]:
         told = f"{curves['method']} determines no curves" if curves["method"] else "no result yet"
-        return [titled("Worst errors: ", told)]
+        return [titled("Largest errors: ", told)]
     of = f", {curves['method']}, {of_lines(curves['lines'])}"
     lines = [titled("Worst (U 95 %)", of)]
     room = width - _FIGURES - 1

@@ -123,7 +123,7 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
 
     worst = cell.last(topics.RUN_VERDICT, run_over=True)
     spread = worst.expanded_uncertainty / worst.coverage_factor
-    shows("#worst-what", "Worst error so far")
+    shows("#worst-what", "Largest error so far")
     shows("#worst-text", f"{plus_minus(worst.worst_error, spread, 1e6)} µm")
     shows("#worst-where", f"(U, 95 %) at X {worst.worst_place[0] * 1e3:.1f}, Y ", exactly=False)
 

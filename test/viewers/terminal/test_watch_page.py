@@ -106,7 +106,7 @@ def test_before_anything_is_known_all_is_said_to_be_unknown():
         "Blocks: none yet",
         "air unknown, pressure unknown",
         "humidity unknown, machine unknown",
-        "Worst errors: no result yet",
+        "Largest errors: no result yet",
         *(f"{name} {words} unknown" for name, words in zip(SQUARENESS, PAIRS, strict=True)),
         "Verdict: no line has been compared with the model yet",
     ):

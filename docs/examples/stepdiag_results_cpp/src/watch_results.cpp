@@ -1,4 +1,4 @@
-// Tells in words how a measurement goes and what its worst errors are.
+// Tells in words how a measurement goes and what its largest errors are.
 //
 // An example for nodes of your own that use results:
 //

@@ -141,7 +141,7 @@ function squareness(told) {
 }
 
 function worst(told) {
-  const which = told.curve ? `Largest value of ${told.curve} so far` : "Worst error so far";
+  const which = told.curve ? `Largest value of ${told.curve} so far` : "Largest error so far";
   say("worst-what", which);
   say("worst-text", told.text);
   say("worst-where", told.where && `(${told.limit ? "U at most, " : "U, "}95 %) at ${told.where}`);
