@@ -35,7 +35,7 @@ WORST_FIRST = (
 )
 _RUNS = """
 select coalesce(machine, ?) as machine, time, run_id, bag_sha256, serial_number, verdict, largest_m,
-    largest_expanded_uncertainty_m, problem
+    largest_expanded_uncertainty_m, problem, simulated
 from runs order by time desc nulls last, bag_sha256, run_number
 """
 _FIGURES = """
@@ -66,6 +66,7 @@ class FleetRun:
         bag: name of the bag in the place; empty if it is not there any more.
         report: page of its report, as a name in the place; empty without a report.
         alone: its bag holds no other run.
+        simulated: it was made in a simulated cell; False too where its bag does not say so.
     """
 
     run_id: str
@@ -78,6 +79,7 @@ class FleetRun:
     bag: str
     report: str
     alone: bool
+    simulated: bool
 
 
 @dataclass(frozen=True)
@@ -211,6 +213,7 @@ def _runs_of_machines(
             bags.get(sha256, ""),
             report,
             alone,
+            bool(row["simulated"]),
         )
         machines.setdefault(row["machine"], {}).setdefault(run_id or sha256, run)
         if row["serial_number"]:

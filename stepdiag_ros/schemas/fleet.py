@@ -26,6 +26,9 @@ class Run:
     problem: Annotated[Text, means("Why the run could not be evaluated; null if it was.")]
     bag: Annotated[Text, means("The bag in the archive; null if it is not there any more.")]
     report: Annotated[Text, means("Page of its report in the archive; null without a report.")]
+    simulated: Annotated[
+        bool | None, means("It was made in a simulated cell; null if the bag does not say so.")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -93,7 +93,8 @@ def verdict_words(run: FleetRun | None) -> str:
     """Return the verdict on a run, or the reason why it is unknown."""
     if run is None:
         return "no run with a date"
-    return NOT_EVALUATED if run.problem else run.verdict or UNKNOWN
+    verdict = NOT_EVALUATED if run.problem else run.verdict or UNKNOWN
+    return f"{verdict}, simulated cell" if run.simulated else verdict
 
 
 def largest_words(run: FleetRun | None) -> str:

@@ -156,7 +156,7 @@ def test_an_archive_may_lie_in_a_store(place, tmp_path):
 
 def test_the_command_writes_page_and_document(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    written(folder, run(1, "mill", 30, 5e-5), run(2, "lathe", None, 1e-6))
+    written(folder, run(1, "mill", 30, 5e-5, simulated=True), run(2, "lathe", None, 1e-6))
     state(folder, "tolerances: {C0Y: 1.0e-5}\n")
     assert main(["fleet", folder.url, "--json", "--every", "90"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -165,6 +165,7 @@ def test_the_command_writes_page_and_document(folder, tmp_path, capsys, monkeypa
     assert (mill["name"], mill["state"]) == ("mill", "NOT_WITHIN")
     assert mill["judged"][0]["conformity"] == "NOT_WITHIN" and mill["runs"][0]["bag"] is None
     assert (lathe["due"], lathe["overdue"], lathe["runs"][0]["time"]) == (None, True, None)
+    assert (mill["runs"][0]["simulated"], lathe["runs"][0]["simulated"]) == (True, None)
     assert not list(tmp_path.glob("*.html"))
     assert main(["fleet", folder.url, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["machines"][0]["overdue"] is None

@@ -1,5 +1,6 @@
 """What is stated of a fleet in words: numbers of machines, and dates of leaving."""
 
+from dataclasses import replace
 from datetime import datetime, timezone
 
 import pytest
@@ -9,10 +10,16 @@ from stepdiag_ros.archive.histories import FigureHistory, MachineHistory
 from stepdiag_ros.metrology.standards.conformity import Conformity
 from stepdiag_ros.metrology.trends.crossing import Crossing, Outlook
 from stepdiag_ros.metrology.trends.trend import Trend
-from stepdiag_ros.words.fleet import beside_words, headline, outlook_words, sentences
+from stepdiag_ros.words.fleet import (
+    beside_words,
+    headline,
+    outlook_words,
+    sentences,
+    verdict_words,
+)
 
 DAY = datetime(2026, 1, 1, tzinfo=timezone.utc)
-RUN = FleetRun("r", DAY, "CONSISTENT", 1e-6, 1e-7, "", "0" * 64, "", "", True)
+RUN = FleetRun("r", DAY, "CONSISTENT", 1e-6, 1e-7, "", "0" * 64, "", "", True, False)
 
 
 def machine(history=None, **states):
@@ -43,6 +50,12 @@ def history(*crossings):
 )
 def test_the_headline_counts_what_is_proven(states, number):
     assert number in headline([machine(C0Y=one) for one in states])
+
+
+def test_a_run_of_a_simulated_cell_is_marked_beside_its_verdict():
+    simulated = replace(RUN, simulated=True)
+    assert "simulated" in verdict_words(simulated) and RUN.verdict in verdict_words(simulated)
+    assert "simulated" not in verdict_words(RUN)
 
 
 def test_nothing_is_overdue_where_no_interval_is_stated():

@@ -58,4 +58,5 @@ def _run(run: FleetRun) -> Run:
         problem=run.problem or None,
         bag=run.bag or None,
         report=run.report or None,
+        simulated=run.simulated or None,
     )
