@@ -1,8 +1,9 @@
 """What the site takes out of the sources: a Sphinx extension that fills pages as they are read.
 
 A line ``<!-- made: KIND ARGUMENT -->`` in a page of ``docs/reference`` is replaced by what
-``MAKERS[KIND](ARGUMENT)`` returns, which is Markdown. Nothing is written into the tree, and nothing
-of the package is imported to describe its modules.
+``MAKERS[KIND](ARGUMENT)`` returns, which is Markdown. The line below it is replaced too: it says
+where that content is for those who read the page in the tree. Nothing is written into the tree, and
+nothing of the package is imported to describe its modules.
 """
 
 import re
@@ -29,7 +30,7 @@ MAKERS: dict[str, Callable[[str], str]] = {
 }
 """Kind of a page → what makes its text from the words after the kind."""
 
-MARK = re.compile(r"^<!-- made: (?P<kind>\w+) ?(?P<argument>.*?) -->$", re.MULTILINE)
+MARK = re.compile(r"^<!-- made: (?P<kind>\w+) ?(?P<argument>.*?) -->(?:\n.+)?$", re.MULTILINE)
 _LINK = re.compile(r"\[(?P<text>[^\]\n]+)\]\((?P<target>[^)#:\s]+)\)")
 
 
