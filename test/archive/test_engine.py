@@ -1,5 +1,7 @@
 """Work by Dask is the same as one after the other, whatever happens to the workers."""
 
+import os
+
 import pytest
 from archive_runs import kill_own_worker_once, work_of_a_while, write_bag
 from refused import refused
@@ -27,6 +29,13 @@ def test_each_thing_is_done_once_by_both_workers_and_failures_are_listed(cluster
     here = {one.item: one.failure for one in each(work_of_a_while, numbers[:8], Engine(workers=1))}
     assert {one.item: one.failure for one in done if one.item < 8} == here
     assert [one.item for one in done if one.failure and one.item % 10 != 7] == []
+
+
+def test_a_worker_keeps_the_memory_that_its_tasks_use_again(cluster):
+    done = each(os.getenv, ["MALLOC_TRIM_THRESHOLD_", "OPENBLAS_NUM_THREADS"], cluster)
+    kept = {one.item: one.value for one in done}
+    assert kept["MALLOC_TRIM_THRESHOLD_"] == os.getenv("MALLOC_TRIM_THRESHOLD_")
+    assert kept["OPENBLAS_NUM_THREADS"] is not None  # Dask's other settings stay
 
 
 def test_a_worker_that_dies_loses_nothing_and_doubles_nothing(cluster, tmp_path):
