@@ -47,24 +47,16 @@ def report_of(bag: Path | None, run_id: str | None = None) -> "VolumetricReport"
     Raises:
         ValueError: the bag cannot be read or solved; one sentence.
     """
-    from stepdiag_ros.evaluation.volumetric import VolumetricReport
+    from stepdiag_ros.evaluation.volumetric import VolumetricReport, accuracies_of
 
     if bag is None:
         return VolumetricReport({})
     from stepdiag_ros.commands.solve import report_of as solved
-    from stepdiag_ros.metrology.standards.volumetric import of_result
 
     report = solved(bag, run_id=run_id)
     if not report.results:
         raise ValueError(f"{bag}: its lines are not enough for any method; see 'stepdiag solve'")
-    return VolumetricReport(
-        {
-            one.method: of_result(one, report.chain, report.plausible)
-            for one in report.ordered_results()
-        },
-        str(bag),
-        report.run_id,
-    )
+    return VolumetricReport(accuracies_of(report), str(bag), report.run_id)
 
 
 COMMAND = Command(

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
+from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 
 
 @dataclass(frozen=True)
@@ -18,3 +19,11 @@ class VolumetricReport:
     accuracies: dict[str, VolumetricAccuracy]
     source: str = ""
     run_id: str = ""
+
+
+def accuracies_of(report: Report) -> dict[str, VolumetricAccuracy]:
+    """Return the longest error vector in the volume by every method, in the order of reliance."""
+    return {
+        one.method: of_result(one, report.chain, report.plausible)
+        for one in report.ordered_results()
+    }

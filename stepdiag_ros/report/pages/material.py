@@ -29,6 +29,7 @@ from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.positioning import PositioningReport, positioning_of
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
+from stepdiag_ros.evaluation.volumetric import accuracies_of
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
@@ -39,7 +40,7 @@ from stepdiag_ros.metrology.model import MachineModel
 from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance
 from stepdiag_ros.metrology.solvers.observations import observe
-from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.coverage import Expanded, larger
 from stepdiag_ros.metrology.uncertainty.largest_error import (
@@ -219,11 +220,7 @@ class Material:
     @cached_property
     def accuracies(self) -> Mapping[str, VolumetricAccuracy]:
         """Return the longest error vector in the volume by every method."""
-        report = self.report
-        return {
-            one.method: of_result(one, report.chain, report.plausible)
-            for one in report.ordered_results()
-        }
+        return accuracies_of(self.report)
 
     @cached_property
     def accuracy(self) -> VolumetricAccuracy | None:
