@@ -11,6 +11,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable
+from difflib import unified_diff
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -251,6 +252,16 @@ def alike(text: str, other: str) -> bool:
     return True
 
 
+def differences(text: str, other: str) -> str:
+    """Return the lines of a document, with -, and those computed, with +, that are not alike."""
+    lines, computed = text.splitlines(), other.splitlines()
+    if len(lines) != len(computed):
+        rows = unified_diff(lines, computed, lineterm="", n=0)
+        return "\n".join(row for row in rows if not row.startswith(("---", "+++", "@@")))
+    pairs = zip(lines, computed, strict=True)
+    return "\n".join(f"-{one}\n+{two}" for one, two in pairs if not alike(one, two))
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="renew them in the documents")
@@ -272,7 +283,7 @@ def main() -> int:
         if arguments.write and not same:
             write(figure, text)
         elif not same:
-            print(f"  computed: {text}")
+            print("\n".join(differences(found, text) for found in texts(figure)))
     return 1 if old and not arguments.write else 0
 
 

@@ -220,6 +220,8 @@ def report_of(arguments: Namespace, runs: "Sequence[_Run] | None" = None) -> "Di
 
     model, source = _model(arguments)
     runs = _runs(arguments) if runs is None else runs
+    # Outside the refusals of the bag: a broken effect is not the fault of the bag.
+    known = catalogue()
     first = runs[0]
     measurement = first.measurement
     if len(runs) > 1:
@@ -228,7 +230,7 @@ def report_of(arguments: Namespace, runs: "Sequence[_Run] | None" = None) -> "Di
         return build_diagnosis(
             measurement,
             model,
-            catalogue(),
+            known,
             bag=arguments.bag,
             date=datetime.now(timezone.utc).date().isoformat(),
             run_id=first.run_id,

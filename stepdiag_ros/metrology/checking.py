@@ -198,7 +198,10 @@ class Section:
             )
         for name in listed:
             if name not in known:
-                raise self._wrong(key, name, f"one of {', '.join(known)}", fault="unknown")
+                near = nearest(name, known)
+                hint = f"; did you mean '{near}'?" if near else ""
+                expected = f"one of {', '.join(known)}{hint}"
+                raise self._wrong(key, name, expected, fault="unknown")
         return tuple(listed)
 
     def table(self, key: str, known: Sequence[str]) -> dict[str, str]:

@@ -37,9 +37,29 @@ def of_modules(package: str, attribute: str) -> list[Any]:
 
 
 def modules_of(package: str) -> list[ModuleType]:
-    """Return all modules of a package, imported, in the order of their names."""
+    """Return all modules of a package, imported, in the order of their names.
+
+    Raises:
+        ValueError: a module cannot be imported; names it and what it raises.
+    """
     names = sorted(one.name for one in iter_modules(import_module(package).__path__))
-    return [import_module(f"{package}.{name}") for name in names]
+    return [_imported(f"{package}.{name}") for name in names]
+
+
+def _imported(module: str) -> ModuleType:
+    try:
+        return import_module(module)
+    except Exception as error:  # whatever a module does that somebody is writing
+        raise Refusal(
+            f"the module {module} cannot be loaded: {raised(error)}. Correct the module",
+            fault="failed",
+            about=module,
+        ) from error
+
+
+def raised(error: Exception) -> str:
+    """Return an exception as Python names it, such as ``KeyError: 'size'``."""
+    return f"{type(error).__name__}: {error}"
 
 
 def record_fault(found: object, kind: type, told: Iterable[str] = ()) -> str:
@@ -51,7 +71,7 @@ def record_fault(found: object, kind: type, told: Iterable[str] = ()) -> str:
         told: attributes that must not be empty.
     """
     if not isinstance(found, kind):
-        return f"is no {kind.__name__}"
+        return f"is not an object of the class {kind.__name__}"
     name: str = getattr(found, "name")  # noqa: B009 - of a kind that is known to the caller alone
     if not re.fullmatch("[a-z][a-z0-9_]*", name):
         return "has a name that is not of small letters, digits and underscores"
@@ -91,24 +111,32 @@ def with_added(
     """
     found: dict[str, Thing] = {}
 
-    def add(added: Any, where: str) -> None:
+    def add(added: Any, where: str, remedy: str) -> None:
         if wrong := fault(added):
-            raise Refusal(f"{where} {wrong}", fault="wrong_kind")
+            raise Refusal(f"{where} {wrong}. {remedy}", fault="wrong_kind")
         if added.name in found:
             raise Refusal(
-                f"{where} is named '{added.name}', which is another {what}'s name", fault="twice"
+                f"{where} is named '{added.name}', which is another {what}'s name. {remedy}",
+                fault="twice",
             )
         found[added.name] = added
 
     for one in own:
         kind = one if isinstance(one, type) else type(one)
-        add(one, f"the {what} '{getattr(one, 'name', kind.__name__)}' ({kind.__module__})")
+        add(
+            one,
+            f"the {what} '{getattr(one, 'name', kind.__name__)}' ({kind.__module__})",
+            "Correct its module",
+        )
     for point in sorted(installed_points(group), key=lambda one: one.name):
         origin = f" of the package {point.dist.name}" if point.dist is not None else ""
+        remedy = "Correct it, or uninstall its package"
         where = f"the {what} '{point.name}'{origin} ({point.value})"
         try:
             added = point.load()
         except Exception as error:  # whatever a foreign module does when it is imported
-            raise Refusal(f"{where} cannot be loaded: {error}", fault="failed") from error
-        add(added, where)
+            raise Refusal(
+                f"{where} cannot be loaded: {raised(error)}. {remedy}", fault="failed"
+            ) from error
+        add(added, where, remedy)
     return found

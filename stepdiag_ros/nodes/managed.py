@@ -181,7 +181,8 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
                 raise Refusal(f"{file}: {error}", **fields) from None
             if fields.get("fault") == "missing":
                 raise Refusal(
-                    f"{error}; the parameter device_file is to name the file of settings", **fields
+                    f"{error}. Set the parameter device_file to a YAML file with the settings",
+                    **fields,
                 ) from None
             raise
 

@@ -304,6 +304,8 @@ def _module(terms: Sequence[_Term], domain: Domain, given: Mapping[str, str], so
         f"{package}.stops import Stops",
     ]
     made = [*(["stops = BOX.counted(stops)"] if box else []), *_change(terms)]
+    if not source:
+        made.insert(0, "# example, to be replaced by the physics of your effect")
     if box:
         box = f"\nBOX = Domain(  # m: the shapes count over it\n    (\n{box}    )\n)\n"
     return _MODULE.format(

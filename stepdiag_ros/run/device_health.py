@@ -226,6 +226,10 @@ NOT_ASKED_FOR = "readings are not compensated for the air, as it was asked for"
 NO_COMPENSATED = (
     "the instrument does not compensate for the air: set the parameter compensation to own"
 )
+AIR_UNKNOWN = (
+    "readings are not compensated, because the air is not known: start the node weather, check its"
+    " sensors, or set the parameter compensation to off"
+)
 NO_RAW = "the instrument reports no count: set the parameter compensation to instrument"
 
 
@@ -273,9 +277,7 @@ class Compensation:
                 return HealthFinding(Level.ERROR, NO_RAW, values, forbids=True)
             if self._kind == "instrument":
                 return HealthFinding(Level.ERROR, NO_COMPENSATED, values, forbids=True)
-        return HealthFinding(
-            Level.ERROR, "readings are not compensated: the air is not known", values
-        )
+        return HealthFinding(Level.ERROR, AIR_UNKNOWN, values)
 
 
 TROUBLE = {

@@ -1,6 +1,7 @@
 """How the figures of a diagnosis are written, and the meaning of its verdicts."""
 
 import math
+import re
 
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -58,6 +59,7 @@ def readable_unit(unit: str) -> tuple[str, float]:
     """Return the unit in which people read what is in a unit of SI, and the factor from it."""
     if unit in _READABLE:
         return _READABLE[unit]
+    unit = re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], unit)
     if unit in ("m", "rad") or unit.startswith(("m/", "rad/")):
         return f"µ{unit}", IN_MICRO
     return ("", 1.0) if unit == "1" else (unit, 1.0)

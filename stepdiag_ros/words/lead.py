@@ -175,6 +175,8 @@ def _verdict(lead: RunLead) -> str:
     """Return the verdict of the diagnosis, and what that means for errors that were solved."""
     verdict = lead.verdict
     meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if lead.solved else ""
+    if _is_left_out(lead):
+        meaning = ""
     if verdict.name == CONSISTENT and not lead.repeated:
         meaning += _NOT_REPEATED
     return f"{verdict.name}: {verdict.sentence}{meaning}"
@@ -185,6 +187,11 @@ def _misfit(lead: RunLead) -> list[str]:
     if lead.misfit is Misfit.NONE:
         return []
     ratio = plain(lead.reduced_chi_squared, 1)
+    if _is_left_out(lead):
+        return [
+            "The errors below do not include this effect, so they do not explain the readings"
+            f" (χ²/dof = {ratio}), and no ± below covers it."
+        ]
     if lead.misfit is Misfit.SHOWN:
         return [
             f"These errors do not explain the readings: χ²/dof = {ratio}, and the readings repeat"
@@ -195,6 +202,12 @@ def _misfit(lead: RunLead) -> list[str]:
         " the noise at each stop suggests, which every ± includes, or another effect acts, which no"
         " ± includes. Repeated passes show which."
     ]
+
+
+def _is_left_out(lead: RunLead) -> bool:
+    """Say whether errors do not explain the readings because of what the diagnosis has found."""
+    found = lead.verdict.name in (NAMED, AMBIGUOUS, DESCRIBED)
+    return found and lead.misfit is Misfit.SHOWN
 
 
 def _unknown(lead: RunLead) -> list[str]:

@@ -136,7 +136,10 @@ class Bench:
         return self.device
 
     def look(self):
-        """Let one step of time pass, and take what has come."""
+        """Let one step pass on the bench's clock: the peer attends, the device is polled once.
+
+        Return the readings of this poll alone, often none; ``taken`` has all of them.
+        """
         self.now += self.step
         if self.peer is not None:
             self.peer.attend()

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import document_figures  # noqa: E402
-from document_figures import FIGURES, Figure, alike, marked, texts, write  # noqa: E402
+from document_figures import FIGURES, Figure, alike, differences, marked, texts, write  # noqa: E402
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -19,10 +19,14 @@ def test_a_figure_in_a_document_is_what_is_computed(name):
     figure = FIGURES[name]
     computed = figure.make()
     for found in texts(figure):
-        assert alike(found, computed), (
-            f"{figure.document} has {found!r}, computed is {computed!r}: "
-            f"write it by python benchmarks/document_figures.py --write --only '{name}'"
-        )
+        if not alike(found, computed):
+            # Not an assertion: pytest would print both texts whole before the remedy.
+            pytest.fail(
+                f"run python benchmarks/document_figures.py --write --only '{name}';"
+                f" {figure.document} (-) and what is computed (+) differ in\n"
+                f"{differences(found, computed)}",
+                pytrace=False,
+            )
 
 
 def test_every_marked_place_has_its_figure():
@@ -46,6 +50,12 @@ def test_every_marked_place_has_its_figure():
 )
 def test_only_the_last_digit_may_turn_over(text, other, same):
     assert alike(text, other) == same
+
+
+def test_only_the_rows_that_differ_are_shown():
+    table = "| a | 1.0 |\n| b | 2.0 |\n| c | 3.0 |"
+    assert differences(table, table.replace("2.0", "2.5")) == "-| b | 2.0 |\n+| b | 2.5 |"
+    assert differences(table, f"{table}\n| d | 4.0 |") == "+| d | 4.0 |"
 
 
 def test_a_figure_is_written_at_each_of_its_places_and_nowhere_else(tmp_path, monkeypatch):

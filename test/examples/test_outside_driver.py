@@ -7,9 +7,7 @@ import pytest
 from other_package import ROOT, install, python
 
 PAGE = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
-(MODULE,) = (
-    code for code in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "class" in code
-)
+(MODULE,) = re.findall(r"`workshop_file.py`:\n\n```python\n(.*?)```", PAGE, re.DOTALL)
 GROUP, KEY, VALUE = re.search(r'entry-points."(\S+)"]\n(\w+) = "(\S+)"', PAGE).groups()
 ASK = """
 import json, sys

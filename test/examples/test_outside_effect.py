@@ -118,7 +118,7 @@ def hidden(installed, tmp_path_factory):
             "positioning_m": 2e-6,
             "straightness_m": 1e-6,
         },
-        **yaml.safe_load(_block("yaml")),
+        **yaml.safe_load(_block("yaml", "cell.yaml")),
     }
     (folder / "cell.yaml").write_text(yaml.safe_dump(cell))
     script = SIMULATE.format(

@@ -10,6 +10,7 @@ from cells_for_tests import make_cell, make_plan
 from refused import a_fault, refused
 
 from stepdiag_ros.metrology import effects, registry
+from stepdiag_ros.metrology.discrepancy import diagnose
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.backlash import Backlash
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
@@ -472,7 +473,7 @@ def test_another_package_adds_an_effect(monkeypatch):
     assert catalogue()["a foreign effect"].label({}) == "a foreign effect"
 
 
-@pytest.mark.parametrize("broken", ["text", "nameless", "taken", "absent"])
+@pytest.mark.parametrize("broken", ["text", "nameless", "taken", "absent", "prefix"])
 def test_a_broken_effect_of_another_package_is_refused_in_a_sentence(monkeypatch, broken):
     class Nameless(Foreign):
         name = ""
@@ -480,7 +481,11 @@ def test_a_broken_effect_of_another_package_is_refused_in_a_sentence(monkeypatch
     class Taken(Foreign):
         name = "backlash"
 
+    class Prefixed(Foreign):
+        sizes = (Size("size", "um", -1.0, 1.0, "of it"),)
+
     found = {"text": "no effect", "nameless": Nameless(), "taken": Taken(), "absent": Foreign()}
+    found["prefix"] = Prefixed()
     offer(monkeypatch, THE_POINT=found[broken])
     if broken == "absent":
         monkeypatch.delattr(sys.modules[__name__], "THE_POINT")
@@ -488,11 +493,22 @@ def test_a_broken_effect_of_another_package_is_refused_in_a_sentence(monkeypatch
         "text": a_fault("wrong_kind", "Effect"),
         "nameless": a_fault("wrong_kind", "'name'"),
         "taken": a_fault("twice", "backlash"),
-        "absent": a_fault("failed"),
+        "absent": a_fault("failed", "AttributeError"),
+        "prefix": a_fault("wrong_kind", "'um'", "'size'"),
     }
     with refused(Refusal, why[broken]) as caught:
         catalogue()
     assert "THE_POINT" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_an_effect_whose_code_fails_is_named_with_what_it_raises():
+    class Misspelt(Foreign):
+        def change(self, setting, sizes, stops):  # noqa: ARG002
+            return Change(reading=sizes["sise"] * np.ones(len(stops.time)))
+
+    run = simulate(make_plan(blocks=3, repeats=2), make_cell())
+    with refused(Refusal, "failed", __name__, "KeyError", "'sise'", about="a foreign effect"):
+        diagnose(run, catalogue=[Misspelt()])
 
 
 OWN_EFFECT = """\
@@ -523,6 +539,8 @@ EFFECT = Bow()
         ("sizes = (Size", "unused = (Size", a_fault("wrong_kind", "'sizes'")),
         ("EFFECT = Bow()", "EFFECT = Bow", a_fault("wrong_kind", "Effect")),
         ("EFFECT = Bow()", "EFECT = Bow()", a_fault("missing", about="EFFECT")),
+        ("EFFECT = Bow()", "EFFECT = {}['bow']", a_fault("failed", "KeyError")),
+        ("EFFECT = Bow()", "import bow_of_nothing", a_fault("failed", "bow_of_nothing")),
         ("", "", None),
     ],
 )

@@ -86,7 +86,7 @@ def _weather():
 @pytest.mark.parametrize(
     ("entry", "reason"),
     [
-        ({**BACKLASH, "effect": "backlsh"}, "'effect' is 'backlsh'; expected one of"),
+        ({**BACKLASH, "effect": "backlsh"}, "did you mean 'backlash'"),
         ({**BACKLASH, "setting": {}}, "setting: 'axis' is missing"),
         ({**BACKLASH, "setting": {"axis": "W"}}, "'axis' is 'W'; expected one of X, Y, Z"),
         ({**BACKLASH, "setting": {"axis": "X", "a": 1}}, "unknown key 'a'"),

@@ -357,6 +357,8 @@ def test_reasons_are_said_once_and_many_settings_are_counted():
         ("1", 5e-6, "µm/m", 1e6),
         ("1", 2.0, "", 1.0),
         ("K", 1.0, "K", 1.0),
+        ("1/m^2", 1.0, "1/m²", 1.0),
+        ("m/m^3", 1e-6, "µm/m³", 1e6),
     ],
 )
 def test_units_that_people_read(unit, high, shown, factor):

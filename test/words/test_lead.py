@@ -186,6 +186,22 @@ def test_errors_that_do_not_explain_the_readings_are_said_to_do_so_before_any_si
     assert proposed == (found is Misfit.NONE)
 
 
+@pytest.mark.parametrize("verdict", ["NAMED", "AMBIGUOUS", "DESCRIBED"])
+def test_what_the_diagnosis_has_found_is_not_said_to_be_another_effect(verdict):
+    lead = lead_of(make_report(results=(make_result(),)))
+    found = replace(
+        lead,
+        misfit=Misfit.SHOWN,
+        reduced_chi_squared=590.0,
+        verdict=Verdict(verdict, "The model lacks backlash of X.", ("backlash of X",)),
+    )
+    said = sentences_of(found)
+    assert sum("590.0" in text for text in said) == 1
+    assert not any("another effect" in text.lower() for text in said)
+    unexplained = replace(found, verdict=Verdict("UNEXPLAINED", "The cause is not known."))
+    assert any("another effect" in text.lower() for text in sentences_of(unexplained))
+
+
 def test_of_a_run_that_no_method_could_solve_everything_is_unknown():
     lead = lead_of(make_report(results=(), bag=Path("run.mcap")))
     assert lead.solved is False and set(lead.unknown) == {*TRANSLATIONS, *SQUARENESS}

@@ -4,7 +4,8 @@ Whether a run can show a candidate, how small, and which candidates look alike i
 the plan and the noise alone, before any reading is looked at.
 """
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,8 @@ from stepdiag_ros.metrology.discrepancy.findings import Candidate
 from stepdiag_ros.metrology.effects.effect import Effect
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.registry import raised
 
 HIDDEN = 1e-3
 """Share of a column beyond the baseline below which nothing but rounding is left of it."""
@@ -97,6 +100,9 @@ def signatures(
         stops: of the run.
         problem: whitened, the baseline projected out.
         taken: name and label of those that the model has already with a free size.
+
+    Raises:
+        ValueError: the code of an effect fails; names the effect and what it raises.
     """
     hidden: dict[str, str] = {}
     candidates: list[Candidate] = []
@@ -110,37 +116,60 @@ def signatures(
         if effect.typical or effect.learned:
             continue
         tried = 0
-        for setting in effect.settings(stops):
-            tried += 1
-            candidate = Candidate(effect, setting, effect.label(setting))
-            if (effect.name, candidate.label) in taken:
-                continue
-            try:
-                columns = effect.columns(setting, stops)[good]
-                blurred = "displacement" in effect.needs and _blurred(
-                    columns, effect.columns(setting, again)[good]
-                )
-            except ValueError as error:
-                hidden[candidate.label] = str(error)
-                continue
-            if not np.all(np.isfinite(columns)):
-                hidden[candidate.label] = "the run does not tell all that it depends on"
-            elif not np.any(columns):
-                hidden[candidate.label] = "it changes no reading of this run"
-            elif blurred:
-                hidden[candidate.label] = (
-                    "it depends on the reading itself more finely than the noise lets it be known"
-                )
-            else:
-                candidates.append(candidate)
-                changes.append(changes_of(columns))
-                unknown = effect.unknown(setting, stops)[good]
-                if unknown.shape[1]:
-                    free[candidate.label] = problem.projected(problem.of(unknown))
+        with _named(effect):
+            for setting in effect.settings(stops):
+                tried += 1
+                candidate = Candidate(effect, setting, effect.label(setting))
+                if (effect.name, candidate.label) in taken:
+                    continue
+                try:
+                    columns = effect.columns(setting, stops)[good]
+                    blurred = "displacement" in effect.needs and _blurred(
+                        columns, effect.columns(setting, again)[good]
+                    )
+                except ValueError as error:
+                    hidden[candidate.label] = str(error)
+                    continue
+                if not np.all(np.isfinite(columns)):
+                    hidden[candidate.label] = "the run does not tell all that it depends on"
+                elif not np.any(columns):
+                    hidden[candidate.label] = "it changes no reading of this run"
+                elif blurred:
+                    hidden[candidate.label] = (
+                        "it depends on the reading itself more finely than the noise lets it be"
+                        " known"
+                    )
+                else:
+                    candidates.append(candidate)
+                    changes.append(changes_of(columns))
+                    unknown = effect.unknown(setting, stops)[good]
+                    if unknown.shape[1]:
+                        free[candidate.label] = problem.projected(problem.of(unknown))
         if not tried:
             needs = f" ({', '.join(effect.needs)})" if effect.needs else ""
             hidden[effect.name] = f"this run lacks what would show it{needs}"
     return _left_by_baseline(candidates, changes, free, problem, hidden)
+
+
+@contextmanager
+def _named(effect: Effect) -> Iterator[None]:
+    """Say which effect is at fault where its code fails; ValueError is an answer about the run."""
+    try:
+        yield
+    except (
+        ArithmeticError,
+        AttributeError,
+        ImportError,
+        LookupError,
+        NameError,
+        TypeError,
+    ) as error:
+        raise Refusal(
+            f"the effect '{effect.name}' ({type(effect).__module__}) fails: {raised(error)}."
+            " Correct its module, or uninstall its package",
+            fault="failed",
+            about=effect.name,
+        ) from error
 
 
 def _blurred(columns: Vector, again: Vector) -> bool:

@@ -144,7 +144,7 @@ def sentences(
     single = _single_pass(shares)
     if single:
         return (*words, single)
-    for split in ("line", "moved axis", "block", "direction", "repeat"):
+    for split in _KINDS:
         found = _sentence(split, shares, noise)
         if found:
             words.append(found)
@@ -157,8 +157,11 @@ def sentences(
     return tuple(words)
 
 
+_PARTS = ("The gap", "A second part", "A third part")
+
+
 def _pattern_sentence(number: int, look: Pattern) -> str:
-    start = "The gap is in" if number == 0 else "Beside that it is in"
+    start = f"{_PARTS[number]} is in" if number < len(_PARTS) else "A further part is in"
     share = f", {100.0 * look.share:.0f} % of what exceeds noise" if look.share > 0.0 else ""
     other = f"; or as well: {'; '.join(look.or_else)}" if look.or_else else ""
     return f"{start} {look.words} ({look.rms * 1e6:.2f} µm rms{share}){other}."
@@ -180,6 +183,16 @@ def _single_pass(shares: tuple[Share, ...]) -> str:
     return ""
 
 
+_KINDS = {
+    "line": ("line", "lines"),
+    "moved axis": ("the moves of", "the moves of"),
+    "block": ("block", "blocks"),
+    "direction": ("the direction", "the directions"),
+    "repeat": ("repeat", "repeats"),
+}
+"""Split → what one part of it is called, and what several are."""
+
+
 def _sentence(split: str, shares: tuple[Share, ...], noise: float) -> str:
     parts = [share for share in shares if share.split == split]
     if len(parts) < 2:
@@ -191,13 +204,15 @@ def _sentence(split: str, shares: tuple[Share, ...], noise: float) -> str:
     ]
     if not bad:
         return ""
-    named = ", ".join(
+    *first, last = (
         f"{share.part} ({share.rms * 1e6:.2f} µm)"
         for share in sorted(bad, key=lambda share: -share.rms)[:4]
     )
+    named = f"{', '.join(first)} and {last}" if first else last
+    kind = _KINDS[split][len(first) > 0]
     rest = [share for share in parts if share not in bad]
     others = float(np.sqrt(np.mean([share.rms**2 for share in rest]))) if rest else noise
-    return f"By {split} it is in {named}; elsewhere {others * 1e6:.2f} µm (rms)."
+    return f"It is in {kind} {named}; elsewhere {others * 1e6:.2f} µm (rms)."
 
 
 def _rest(share: Share, parts: list[Share]) -> float:

@@ -1,5 +1,6 @@
 """The catalogue: all effects by name, those of this package and those that others add."""
 
+import re
 from inspect import isabstract
 from types import ModuleType
 
@@ -10,6 +11,9 @@ from stepdiag_ros.metrology.registry import modules_of, with_added
 _PACKAGE = "stepdiag_ros.metrology.effects"
 ENTRY_POINTS = "stepdiag_ros.effects"
 """Group of entry points by which another package adds effects; each names an ``Effect``."""
+_PART = r"(?:m|s|kg|K|A|mol|cd|rad|sr|Hz|N|Pa|J|W|V|C|F|Ω|T)(?:\^\d)?"
+_PRODUCT = rf"{_PART}(?:[ ·]{_PART})*"
+_UNIT = rf"(?:1|{_PRODUCT})(?:/(?:{_PART}|\({_PRODUCT}\)))?"
 
 
 def catalogue() -> dict[str, Effect]:
@@ -53,6 +57,12 @@ def _fault(effect: object) -> str:
     for name in ("name", "sentence", "source", "sizes"):
         if not getattr(effect, name, None):
             return f"does not state its '{name}'"
+    for size in effect.sizes:
+        if not re.fullmatch(_UNIT, size.unit):
+            return (
+                f"states the unit '{size.unit}' of its size '{size.name}', which is not a unit of"
+                " the SI without prefix, such as m, rad, m/K or 1/m^2"
+            )
     names = [size.name for size in effect.sizes]
     if len(set(names)) < len(names):
         return "has two sizes of one name"
