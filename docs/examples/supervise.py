@@ -56,7 +56,7 @@ class Supervisor(Node):
         self._found = False
         self._heard = time.monotonic()
         self.action = ActionClient(self, Measure, "sequencer/measure")
-        self._services = {
+        self._triggers = {
             name: self.create_client(Trigger, f"sequencer/{name}") for name in ("resume", "abort")
         }
         self.create_subscription(RunState, "run/state", self._on_state, LATCHED)
@@ -128,7 +128,7 @@ class Supervisor(Node):
         if run.state in name and self._asked != (run.state, run.line_index):
             self._asked = run.state, run.line_index
             print(f"{run.text}: {name[run.state]}", flush=True)  # align laser and mirror here
-            self._services[name[run.state]].call_async(Trigger.Request())
+            self._triggers[name[run.state]].call_async(Trigger.Request())
 
     def _on_verdict(self, verdict: RunVerdict) -> None:
         self.verdict = verdict
