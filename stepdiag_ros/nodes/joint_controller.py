@@ -52,11 +52,8 @@ ACTION = "follow_joint_trajectory"
 ACTION_TYPE = "control_msgs/action/FollowJointTrajectory"
 DEPTH = 1000
 """Messages: a second of the fastest controllers that are usual."""
-_ACTIVE = (
-    GoalStatus.STATUS_ACCEPTED,
-    GoalStatus.STATUS_EXECUTING,
-    GoalStatus.STATUS_CANCELING,
-)
+_ACTIVE = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+"""Of goals that move joints. One that is being cancelled does not: it may remain so for ever."""
 _OUTCOMES = {
     GoalStatus.STATUS_SUCCEEDED: Outcome.SUCCEEDED,
     GoalStatus.STATUS_CANCELED: Outcome.CANCELED,

@@ -360,10 +360,7 @@ class Ros2ControlCnc:
             self._unusable = f"{self._source}: the position of {', '.join(strange)} is not a number"
             return
         if abs(self._now - stamp) > max(CLOCK_LIMIT, self._settings.silence * NANOSECONDS):
-            off = (stamp - self._now) / NANOSECONDS
-            self._unusable = (
-                f"{self._source} is stamped {off:+.3g} s off our time: synchronize the clocks"
-            )
+            self._unusable = _off_time(self._source, (stamp - self._now) / NANOSECONDS)
             return
         self._unusable, self._heard = "", self._now
         self._told = max(self._told, min(stamp, self._now))
@@ -497,13 +494,24 @@ class Ros2ControlCnc:
             self._change(instant, CncState.READY, "")
 
     def _watch_stop(self, instant: int) -> None:
-        if self._ended and self._stands(instant):
+        if self._stands(instant) and (self._ended or self._is_forgotten):
+            self._ended = True
             self._begin(_Doing.NOTHING)
             self._change(instant, CncState.STOPPED, self._why)
 
     def _stands(self, instant: int) -> bool:
         """Say whether the axes have stood for the hold time."""
         return instant - self._rest[0] >= self._machine.position_hold_s * NANOSECONDS
+
+    @property
+    def _is_forgotten(self) -> bool:
+        """Whether the controller would have ended a cancelled goal by now, if it ever did.
+
+        The controller of Jazzy reports that a goal was reached up to 50 ms later. It accepts a
+        cancel in between, and then never ends the goal.
+        """
+        limit = min(self._answered_in, self._settings.stop_limit * NANOSECONDS)
+        return self._now - self._since >= limit
 
     # Doing ----------------------------------------------------------------------------------------
 
@@ -555,6 +563,16 @@ class Ros2ControlCnc:
         self._told = max(instant, self._told)
         self._state, self._reason = state, reason
         self._events.append(StateChange(self._told, state, self._position, reason))
+
+
+def _off_time(source: str, off: float) -> str:
+    """Say what it may mean that a message is stamped ``off`` s after our time."""
+    if off > 0.0:
+        return f"{source} is stamped {off:.3g} s ahead of our time: synchronise the clocks"
+    return (
+        f"{source} comes {-off:.3g} s after its stamp: this computer is too busy to read it, or"
+        " the clocks differ; silence_s is the limit"
+    )
 
 
 def from_settings(

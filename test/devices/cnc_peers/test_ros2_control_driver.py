@@ -195,7 +195,8 @@ def test_axes_that_do_not_move_keep_the_place_that_they_were_sent_to():
         ({"reachable": False}, "/cell/gantry_controller"),
         ({"sampling": False}, "/joint_states"),
         ({"description": ""}, "robot_state_publisher"),
-        ({"clock_off": 12.5}, "+12.5 s"),
+        ({"clock_off": 12.5}, "12.5 s ahead"),
+        ({"clock_off": -12.5}, "12.5 s after"),
         ({"unknown": ("x",)}, "x"),
         ({"left_out": ("y_left",)}, "y_left"),
         ({"others": 1}, "another"),
@@ -328,6 +329,22 @@ def test_axes_that_go_on_after_a_stop_fail_the_device():
     operator.device.stop(rig.now(), "the operator")
     with pytest.raises(TimeoutError):
         operator.watch(2.0)
+
+
+def test_a_goal_that_is_never_ended_after_a_stop_does_not_keep_axes_that_stand():
+    operator, rig = operator_of()
+    start = operator.ready().position
+    rig.controller.ending = False
+    operator.move(add(start, x=0.01), "X", 0.1)
+    operator.until(lambda: rig.controller.robot.done)
+    begun = rig.now()
+    operator.device.stop(begun, "the operator")
+    operator.until_state(CncState.STOPPED)
+    assert 2.0 <= (rig.now() - begun) / SECOND < 3.0  # answer_limit_s, stop_limit_s
+    rig.controller.ending = True
+    operator.device.reset(rig.now())
+    operator.move(start, "X", 0.1)
+    operator.until_state(CncState.READY)
 
 
 @pytest.mark.parametrize("deceleration", [0.1, 1.0, 10.0])

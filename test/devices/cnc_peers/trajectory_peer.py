@@ -21,6 +21,8 @@ from trajectory_robot import CANCELED, SUCCEEDED, TrajectoryRobot
 
 PERIOD = 0.004
 """s: between two cycles of the controller."""
+REPORTING = 0.05
+"""s: between two reports of goals that have ended (``action_monitor_rate`` of Jazzy: 20 Hz)."""
 URDF = """\
 <robot name="gantry">
   <joint name="x" type="prismatic"><limit lower="-0.01" upper="1" velocity="1" effort="1"/></joint>
@@ -39,6 +41,7 @@ class TrajectoryPeer:
         sampling: joint states are published.
         managing: the controller manager answers (late, once it does again).
         during: number of a goal, from 1 → part of its time, and what happens, once, after it.
+        reported: when ends of goals were last reported, s of the monotonic clock.
         targets: end of each goal of the action that was reached, in the units of the joints.
     """
 
@@ -49,6 +52,7 @@ class TrajectoryPeer:
         self.during = {}
         self.lock = threading.RLock()
         self._ends = {}
+        self.reported = 0.0
 
     @property
     def targets(self):
@@ -108,15 +112,20 @@ class TrajectoryPeer:
             if robot.share >= share:
                 del self.during[robot.accepted]
                 happens()
-            for key, outcome, code, words in robot.ended:
-                if key in self._ends:
-                    self._ends.pop(key).set_result((outcome, code, words))
-            robot.ended.clear()
+            if time.monotonic() - self.reported >= REPORTING:
+                self._report()
             positions = robot.positions()
         if self.sampling:
             message = JointState(name=list(positions), position=list(positions.values()))
             message.header.stamp = self._node.get_clock().now().to_msg()
             self._joints.publish(message)
+
+    def _report(self):
+        self.reported = time.monotonic()
+        for key, outcome, code, words in self.robot.ended:
+            if key in self._ends:
+                self._ends.pop(key).set_result((outcome, code, words))
+        self.robot.ended.clear()
 
     def _controllers(self, _request, response):
         self._wait()
@@ -149,7 +158,10 @@ class TrajectoryPeer:
 
     def _on_cancel(self, handle):
         with self.lock:
-            self.robot.cancel(time.monotonic(), bytes(handle.goal_id.uuid))
+            key, ended = bytes(handle.goal_id.uuid), self.robot.ended
+            # As in Jazzy: a goal that is cancelled between its end and the report never ends.
+            ended[:] = [one for one in ended if one[0] != key]
+            self.robot.cancel(time.monotonic(), key)
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle):

@@ -69,6 +69,7 @@ class FakeController:
         manager: the controller manager answers.
         sampling: joint states come.
         answering: goals are answered.
+        ending: the end of a goal is reported.
         clock_off: s by which the robot's clock is ahead.
         description: URDF that is published.
         others: goals of other clients.
@@ -78,7 +79,8 @@ class FakeController:
 
     def __init__(self, now):
         self.robot = TrajectoryRobot(JOINTS)
-        self.reachable = self.manager = self.sampling = self.answering = True
+        self.reachable = self.manager = self.sampling = True
+        self.answering = self.ending = True
         self.clock_off, self.description, self.others = 0.0, URDF, 0
         self.unknown, self.left_out, self.closed, self.sent = (), (), False, []
         self._now, self._sampled = now, now()
@@ -147,7 +149,7 @@ class FakeController:
             places = {name: at for name, at in places.items() if name not in self.left_out}
             news.append(JointSample(instant + round(self.clock_off * SECOND), places))
         for key, outcome, code, words in self.robot.ended:
-            if isinstance(key, int):
+            if isinstance(key, int) and self.ending:
                 news.append(GoalEnd(key, OUTCOMES[outcome], code, words))
         self.robot.ended.clear()
         return news
