@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from domains import own_domain
 from patience import PATIENCE
@@ -14,6 +15,9 @@ from running_cell import RunningCell
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.run.sequence import State
+
+VIBRATION = 1e-9
+"""m: an axis that has come to rest swings by less."""
 
 
 @pytest.fixture(autouse=True)
@@ -90,7 +94,7 @@ class CellUnderTest(RunningCell):
             return [tuple(message.position) for message in late]
 
         self.wait(lambda: len(after()) > 10, "positions go on")
-        assert len(set(after())) == 1, "the machine moves"
+        assert np.ptp(after(), axis=0).max() < VIBRATION, "the machine moves"
 
     def bag_is_closed(self) -> bool:
         recorders = [p for p in self.operator.watch.peers.values() if p.role == "recorder"]
