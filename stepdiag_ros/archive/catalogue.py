@@ -37,11 +37,13 @@ KEPT = timedelta(minutes=15)
 """A part that was replaced stays for this time, so that who has begun to read can end."""
 _MEMORY = "256MB"
 """That packing may use; what is more is sorted on the disk."""
+_EACH = "start_time, bag_sha256, run_id"
 _SORTED = {
-    "runs": "machine, start_time",
-    "figures": "machine, kind, name, start_time",
-    "curves": "machine, name, start_time",
+    "runs": f"machine, {_EACH}",
+    "figures": f"machine, kind, name, {_EACH}, method",
+    "curves": f"machine, name, {_EACH}, method",
 }
+"""Order of the rows of a part; no two rows are equal in it, so that equal rows are equal bytes."""
 _NEWEST = r"regexp_extract_all(software_version, '\d+')::bigint[]"
 _DIGITS = 16
 _REPLACED = "replaced"

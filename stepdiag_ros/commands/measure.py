@@ -1,5 +1,6 @@
 """``stepdiag measure``: a run on nodes that are there already, started by others."""
 
+import math
 import sys
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
@@ -40,7 +41,7 @@ def run(arguments: Namespace) -> int:
         tell = _Teller(progress)
         # What was given is warned of already.
         on_plan = None if text else _warn_beside
-        joined = JoinedRun(arguments.namespace, tell, _Attendant(), on_plan)
+        joined = JoinedRun(arguments.namespace, tell, _Attendant(arguments.namespace), on_plan)
         try:
             joined.measure(text, until)
         finally:
@@ -82,10 +83,15 @@ class _Teller:
 
 
 class _Attendant:
-    """The user at the terminal, if there is a terminal."""
+    """The user at the terminal, if there is a terminal.
 
-    def __init__(self) -> None:
+    Args:
+        namespace: of the nodes; empty for none.
+    """
+
+    def __init__(self, namespace: str) -> None:
         self._said = ""
+        self._resume = "stepdiag resume" + (f" --namespace {namespace}" if namespace else "")
 
     def __call__(self, state: "State", text: str) -> bool:
         """Say why the run is held, and whether it is to go on."""
@@ -102,7 +108,7 @@ class _Attendant:
                 _forget_typed()
                 say(f"{text}: Enter goes on, Ctrl-C ends the run")
             else:
-                say(f"{text}: 'stepdiag resume' or the service sequencer/resume goes on")
+                say(f"{text}: '{self._resume}' or the service sequencer/resume goes on")
             return False
         if attended and _enter_was_pressed():
             self._said = ""
@@ -125,12 +131,16 @@ def _enter_was_pressed() -> bool:
 
 
 def _lead(measured: "RunOutcome") -> "RunLead":
-    """Return the summary of the run before anything is solved."""
+    """Return the summary of the run, with the largest error as the solver published it."""
     from stepdiag_ros.bags.passes import Completeness
     from stepdiag_ros.evaluation.lead import RunLead
     from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED, Verdict
+    from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
     from stepdiag_ros.run.conclusion import UNKNOWN
 
+    known = math.isfinite(measured.largest_error)
+    nowhere = (math.nan, math.nan, math.nan)
+    largest = VolumetricAccuracy(measured.largest_error, measured.largest_at, nowhere)
     name = NOT_DIAGNOSED if measured.verdict == UNKNOWN else measured.verdict
     # The name of a tracker's line has a colon in it too, and no space behind that.
     missing = tuple(line.partition(": ")[0] for line in measured.incomplete)
@@ -141,6 +151,9 @@ def _lead(measured: "RunOutcome") -> "RunLead":
         ),
         measured.bag,
         target=measured.standing,
+        unknown=measured.not_determined,
+        volume=largest if known else None,
+        expanded_uncertainty=measured.expanded_uncertainty,
     )
 
 

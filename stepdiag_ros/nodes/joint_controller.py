@@ -50,6 +50,7 @@ except ImportError as error:
 
 ACTION = "follow_joint_trajectory"
 ACTION_TYPE = "control_msgs/action/FollowJointTrajectory"
+LISTING, LISTING_TYPE = "list_controllers", "controller_manager_msgs/srv/ListControllers"
 DEPTH = 1000
 """Messages: a second of the fastest controllers that are usual."""
 _ACTIVE = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
@@ -88,7 +89,7 @@ class RosJointController:
         self._asking: list[Any] = []
         self._hardware: tuple[Hardware, ...] = ()
         self._action = ActionClient(node, FollowJointTrajectory, f"{names.controller}/{ACTION}")
-        self._controllers = node.create_client(ListControllers, f"{names.manager}/list_controllers")
+        self._controllers = node.create_client(ListControllers, f"{names.manager}/{LISTING}")
         self._components = node.create_client(
             ListHardwareComponents, f"{names.manager}/list_hardware_components"
         )
@@ -124,6 +125,14 @@ class RosJointController:
             name.removesuffix(f"/{ACTION}")
             for name, types in get_action_names_and_types(self._node)
             if ACTION_TYPE in types and name != own
+        )
+
+    def managers(self) -> list[str]:
+        """Return the controller managers that are on the graph."""
+        return sorted(
+            name.removesuffix(f"/{LISTING}")
+            for name, types in self._node.get_service_names_and_types()
+            if LISTING_TYPE in types
         )
 
     def ask_manager(self) -> None:

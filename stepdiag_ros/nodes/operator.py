@@ -48,6 +48,8 @@ class OperatorNode(StepdiagNode):
         # Goal → its last feedback.
         self._feedback: dict[bytes, Any] = {}
         self._description: Any = None
+        self._verdict: Any = None
+        self.listen(topics.RUN_VERDICT, self._on_verdict)
         self.listen(topics.RUN_STATE, self._on_state)
         self.listen(topics.RUN_DESCRIPTION, self._on_description)
 
@@ -55,6 +57,12 @@ class OperatorNode(StepdiagNode):
     def result(self) -> Any:
         """The result of the run (as in Measure.action) once it is known; None before."""
         return self._answer.result().result if self._answer and self._answer.done() else None
+
+    @property
+    def verdict(self) -> Any:
+        """Last RunVerdict of the run that this operator started; None before."""
+        told = self._verdict
+        return told if told is not None and told.run_id == self.started_run else None
 
     @property
     def sequencer(self) -> str:
@@ -179,6 +187,9 @@ class OperatorNode(StepdiagNode):
 
     def _on_description(self, message: Any) -> None:
         self._description = message
+
+    def _on_verdict(self, message: Any) -> None:
+        self._verdict = message
 
     def _on_state(self, message: Any) -> None:
         self.last_state = message

@@ -153,7 +153,7 @@ class SequencerNode(StepdiagNode):
             raise Refusal(f"cannot start: {'; '.join(wrong)}", fault="mismatch")
         state = self._machine_state
         low, high = tuple(state.soft_limits_low), tuple(state.soft_limits_high)
-        beyond = out_of_limits(chosen, low, high)
+        beyond = out_of_limits(chosen, low, high, "the bridge (machine file and controller)")
         if beyond:
             raise ValueError(f"cannot start: {beyond}")
         self._measure.run_begins()
@@ -467,8 +467,7 @@ class SequencerNode(StepdiagNode):
             self._after_reset = None
             then()
         elif self._reset_tries >= RESET_TRIES:
-            self._after_reset = None
-            self.unwell(f"the CNC bridge cannot be reset: {response.message}")
+            self._say_not_reset(f"the CNC bridge cannot be reset: {response.message}")
 
     def _insist_on_reset(self) -> None:
         # A machine that was just stopped still brakes, and cannot be reset yet. A bridge that was
@@ -479,8 +478,21 @@ class SequencerNode(StepdiagNode):
         if self._reset_tries < RESET_TRIES:
             self._ask_for_reset()
         else:
-            self._after_reset = None
-            self.unwell("the CNC bridge does not answer its reset service: abort, or restart it")
+            self._say_not_reset(
+                "the CNC bridge does not answer its reset service: abort, or restart it"
+            )
+
+    def _say_not_reset(self, why: str) -> None:
+        self._after_reset = None
+        sequence = self._running()
+        if sequence.state is State.FAULT:
+            # The run stays as it is, for another try.
+            sequence.not_resumed(why)
+            self._say_how_it_stands()
+        else:
+            # A run that has not begun yet.
+            sequence.abort(why)
+            self._ended()
 
     def _publish_changes(self) -> None:
         """Publish the state when another stop, line or state has been reached."""

@@ -6,6 +6,7 @@ with its defaults; on a machine that could be a simulated device in place of a r
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,9 @@ def check_cell_file(path: str, namespace: str = "") -> None:
     try:
         for name, node in names.items():
             _check(node, given[name])
-        _check_machines({node.name: given[name] for name, node in names.items()})
+        by_node = {node.name: given[name] for name, node in names.items()}
+        _check_machines(by_node)
+        _check_cells(by_node)
     except ValueError as error:
         raise Refusal(f"{path}: {error}", **fields_of(error)) from None
 
@@ -166,6 +169,25 @@ def _check_machines(given: dict[str, dict[str, Any]]) -> None:
             fault="mismatch",
             about="machine",
         )
+
+
+def _check_cells(given: dict[str, dict[str, Any]]) -> None:
+    """Refuse simulated devices that would be of different cells, or of another than the run's."""
+    nodes = {node.name: node for node in NODES}
+    used = {
+        name: _value(nodes[name], given[name], "cell")
+        for name in ("sequencer", *_KINDS)
+        if name == "sequencer" or given[name][DEVICE] == SIMULATED
+    }
+    named = [(name, cell) for name, cell in used.items() if cell]
+    for (one, first), (other, second) in pairwise(named):
+        if load_cell(first)[1] != load_cell(second)[1]:
+            raise Refusal(
+                f"the simulated cell of {one} ({first}) and of {other} ({second}) differ: name the"
+                " same file for all",
+                fault="mismatch",
+                about="cell",
+            )
 
 
 def _no_node(pattern: str, names: Iterable[str]) -> str:

@@ -1,7 +1,8 @@
 """One run on nodes that are there: started, followed to its end, stopped where it must be."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -63,6 +64,10 @@ class RunOutcome:
     Attributes:
         bag: path on the recorder's computer; None if not known.
         standing: how far the run came to its target; None if it has none.
+        largest_error: length of the longest error vector in the measured box, m; NaN if not known.
+        expanded_uncertainty: of that (95 %), m; NaN if not known.
+        largest_at: where it is, machine coordinates, m.
+        not_determined: names of the error curves (of nine) and squareness errors that are unknown.
     """
 
     outcome: Outcome
@@ -77,6 +82,10 @@ class RunOutcome:
     bag_closed: bool
     bag_text: str
     standing: TargetStanding | None = None
+    largest_error: float = nan
+    expanded_uncertainty: float = nan
+    largest_at: tuple[float, float, float] = (nan, nan, nan)
+    not_determined: tuple[str, ...] = ()
 
     @property
     def stops_asked_for(self) -> int:
@@ -218,12 +227,12 @@ class FollowedRun:
     def _has_result(self) -> bool:
         result = self._operator.result
         if result is not None and self.measured is None:
-            self.measured = _measured(result, self._operator.state)
+            self.measured = _measured(result, self._operator.state, self._operator.verdict)
         return result is not None
 
 
-def _measured(result: Any, state: Any) -> RunOutcome:
-    return RunOutcome(
+def _measured(result: Any, state: Any, verdict: Any) -> RunOutcome:
+    measured = RunOutcome(
         outcome=Outcome(result.outcome),
         text=result.text,
         run_id=result.run_id,
@@ -236,6 +245,15 @@ def _measured(result: Any, state: Any) -> RunOutcome:
         bag_closed=bool(result.bag_closed),
         bag_text=result.bag_text,
         standing=None if state is None else target_of(state),
+    )
+    if verdict is None:
+        return measured
+    return replace(
+        measured,
+        largest_error=verdict.worst_error,
+        expanded_uncertainty=verdict.expanded_uncertainty,
+        largest_at=tuple(verdict.worst_place),
+        not_determined=tuple(verdict.not_determined),
     )
 
 

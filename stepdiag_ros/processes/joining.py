@@ -12,6 +12,9 @@ from stepdiag_ros.run.sequence import State
 if TYPE_CHECKING:
     from stepdiag_ros.nodes.operator import OperatorNode
 
+GO_ON_LIMIT = 10.0
+"""Real seconds within which a run must go on after it was resumed; the sequencer asks the bridge
+several times to make the machine ready."""
 LOOK_LIMIT = 5.0
 """Real seconds within which a running sequencer must have answered."""
 
@@ -102,7 +105,7 @@ def asked_of_sequencer(service: str, namespace: str) -> str:
         namespace: of the nodes, such as ``/cell_1``; empty for none.
 
     Raises:
-        RunFailed: there is no sequencer.
+        RunFailed: there is no sequencer, or a run that was resumed does not go on.
         ValueError: it refuses or does not answer, or the ROS graph cannot be joined.
     """
     from stepdiag_ros.nodes.operator import OperatorNode
@@ -112,7 +115,30 @@ def asked_of_sequencer(service: str, namespace: str) -> str:
         _wait_for_sequencer(
             operator, namespace, "give the --namespace and the ROS_DOMAIN_ID of the run"
         )
-        return operator.call(f"sequencer/{service}")
+        answer = operator.call(f"sequencer/{service}")
+        if service == "resume":
+            _see_it_go_on(operator)
+        return answer
+
+
+def _see_it_go_on(operator: "OperatorNode") -> None:
+    """Wait until a run that was resumed is no longer held by its fault.
+
+    Raises:
+        RunFailed: the machine cannot be made ready; the text is what the run says of itself.
+    """
+    held = operator.last_state
+
+    def decided() -> bool:
+        now = operator.last_state
+        return now is not None and (
+            now.state != State.FAULT or (held is not None and now.text != held.text)
+        )
+
+    operator.spin_until(decided, GO_ON_LIMIT)
+    now = operator.last_state
+    if now is not None and now.state == State.FAULT:
+        raise RunFailed(f"the run does not go on: {now.text}", fault="stopped")
 
 
 def _wait_for_sequencer(operator: "OperatorNode", namespace: str, otherwise: str) -> None:

@@ -26,7 +26,8 @@ NOW_LOST = {
     STATUS_COUNT_ERROR: "the count does not fit the way of the axes: the zero is lost",
 }
 NO_BEAM_YET = "there is no beam"
-"""Outside a run or before its first setup, when nobody needs one."""
+"""In a run, before its first setup: somebody is about to align it."""
+NO_BEAM_NEEDED = "there is no beam, and no run that needs one"
 DIM = "the beam is dim"
 WAS_LOST = "the beam was lost for a moment: the zero of this setup is gone until the next"
 GOOD = "the beam is there"
@@ -128,6 +129,8 @@ class Beam:
             return HealthFinding(Level.STALE, silent, values, forbids=True)
         needed = in_run and 0 < self._set_up < (self._age.time or 0)
         if self._status == STATUS_BEAM_LOST and not needed:
+            if not in_run:
+                return HealthFinding(Level.OK, NO_BEAM_NEEDED, values)
             return HealthFinding(Level.WARN, NO_BEAM_YET, values)
         if self._status not in HAS_BEAM:
             unknown = f"the interferometer gives the unknown status {self._status}"

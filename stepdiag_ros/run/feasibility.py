@@ -18,13 +18,13 @@ def beyond_machine(plan: Plan, machine: Machine) -> str:
             f"the plan's feed_m_per_s {plan.feed:g} is above the machine's feed limit "
             f"{machine.feed_limit_m_per_s:g} m/s"
         )
-    return out_of_limits(plan, machine.travel_low_m, machine.travel_high_m)
+    return out_of_limits(plan, machine.travel_low_m, machine.travel_high_m, "the machine file")
 
 
 def out_of_limits(
-    plan: Plan, low: tuple[float, float, float], high: tuple[float, float, float]
+    plan: Plan, low: tuple[float, float, float], high: tuple[float, float, float], source: str
 ) -> str:
-    """Say which line first leaves the soft limits (m); empty if none does."""
+    """Say which line first leaves the soft limits (m) of a source; empty if none does."""
     for line in plan.lines:
         stops = line.stops(plan.volume)
         beyond = plan.run_up(line)
@@ -38,6 +38,7 @@ def out_of_limits(
                 overrun = "" if beyond is None else f", overrun of {plan.overrun:g} m included"
                 return (
                     f"line {line.name} runs {AXES[axis]} from {reach[0]:g} m to {reach[1]:g} m"
-                    f"{overrun}, outside the soft limits {low[axis]:g} m to {high[axis]:g} m"
+                    f"{overrun}, outside the soft limits of {source}, {low[axis]:g} m to"
+                    f" {high[axis]:g} m"
                 )
     return ""

@@ -7,5 +7,6 @@ from stepdiag_ros.metrology.refusal import Refusal
 
 def in_wrong_state(request: str, state: IntEnum) -> Refusal:
     """Return the refusal of a request, such as ``resume``, that the state does not allow."""
-    words = f"cannot {request}: the run is {state.name.lower()}"
+    what = state.name.lower().replace("_", " ")
+    words = f"cannot {request}: the run is {what}"
     return Refusal(words, fault="not_ready", aspect=request)

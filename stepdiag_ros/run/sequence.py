@@ -162,6 +162,7 @@ class Sequence:
         self.state = State.IDLE
         self.text = "waiting for all nodes to take up the run"
         self.unstopped = ""
+        self.unready = ""
         self._line_index = 0
         self._attempt = 1
         self._stop = 0
@@ -278,6 +279,10 @@ class Sequence:
         before, self.unstopped = self.unstopped, why
         return why != before
 
+    def not_resumed(self, why: str) -> None:
+        """Take note why a run that was resumed does not go on: the machine cannot be made ready."""
+        self.unready = why
+
     def answered(
         self,
         command_id: int,
@@ -388,6 +393,8 @@ class Sequence:
         remaining = self._time_left.estimate(self._total - stops_done) if held else math.nan
         ended = done == len(self._stops)
         text = self.text
+        if self.unready:
+            text += f"; not resumed: {self.unready}"
         if self.unstopped:
             text += f"; the machine may still move: {self.unstopped}"
         return Progress(
@@ -451,6 +458,7 @@ class Sequence:
         self.state = state
         self.text = text
         self._pause_wanted = False
+        self.unready = ""
         if state is State.RUNNING:
             self.unstopped = ""
 

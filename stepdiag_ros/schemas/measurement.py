@@ -43,8 +43,8 @@ class Document:
             Any,
             document_of("lead"),
             means(
-                "Summary of the run before anything is solved; documents of earlier versions lack"
-                " it."
+                "Summary of the run, with the largest error as the solver published it; documents"
+                " of earlier versions lack it."
             ),
         ]
         | UnsetType

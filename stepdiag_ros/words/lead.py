@@ -2,6 +2,7 @@
 
 import shlex
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 
 from stepdiag_ros.bags.passes import incomplete_sentences
@@ -214,7 +215,11 @@ def _unknown(lead: RunLead) -> list[str]:
     if not lead.unknown:
         return []
     remedy = f" To determine them, measure {lead.remedy} as well." if lead.remedy else ""
-    what = ", ".join(lead.unknown) if lead.solved else "all errors (no method could be used)"
+    what = (
+        ", ".join(lead.unknown)
+        if lead.solved is not False
+        else "all errors (no method could be used)"
+    )
     return [f"Unknown, because the measured lines do not determine them: {what}.{remedy}"]
 
 
@@ -243,9 +248,10 @@ def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
         for letter, value in zip("XYZ", accuracy.vector, strict=True)
     )
     size = with_expanded(accuracy.value, expanded_uncertainty, IN_MICRO)
+    said = f"error vector: {vector} µm; " if isfinite(accuracy.vector[0]) else ""
     return (
         f"Largest error in the measured volume: {size} µm at {place} mm"
-        f" (error vector: {vector} µm; it is zero at the first corner of the volume)."
+        f" ({said}it is zero at the first corner of the volume)."
     )
 
 

@@ -44,7 +44,7 @@ def insists(attendant, state, text, limit=5.0):
 
 
 def test_enter_goes_on_once_it_was_said_why_the_run_is_held(terminal, capsys):
-    attendant = _Attendant()
+    attendant = _Attendant("")
     # Typed before anybody could know that the machine stands: it must not start it.
     os.write(terminal, b"\n")
     time.sleep(0.1)
@@ -65,7 +65,7 @@ def test_enter_goes_on_once_it_was_said_why_the_run_is_held(terminal, capsys):
 def test_without_a_terminal_a_fault_ends_the_run_and_a_setup_waits(monkeypatch, capsys):
     with Path(os.devnull).open() as nothing:
         monkeypatch.setattr("sys.stdin", nothing)
-        attendant = _Attendant()
+        attendant = _Attendant("")
         for _ in range(3):
             assert not attendant(State.WAITING_FOR_SETUP, SETUP)
         (said,) = capsys.readouterr().err.splitlines()
@@ -121,6 +121,24 @@ def test_what_a_run_came_to_is_printed(capsys):
     assert steps[0]["command"] is None and "ppp XYZ forward, repeat 0" in steps[0]["why"]
     assert steps[1]["command"] == "stepdiag solve run.mcap"
     assert not any("compensate" in (one["command"] or "") for one in steps)
+
+
+def test_the_largest_error_is_printed_as_the_solver_published_it(capsys):
+    measured = RunOutcome(
+        *(Outcome.FINISHED, "all lines are measured", "20261121T110000Z-abcdef", 42, 42, ()),
+        *("CONSISTENT", "they agree", Path("run.mcap"), True, "closed"),
+        largest_error=8.93e-6,
+        expanded_uncertainty=1.24e-6,
+        largest_at=(0.1, 0.2, -0.05),
+        not_determined=("C0Y",),
+    )
+    measure._show(measured, as_json=False)
+    said = capsys.readouterr().out
+    assert "8.9 ± 1.2 µm at X 100.0, Y 200.0, Z -50.0 mm" in said and "C0Y" in said
+    assert "nan" not in said
+    measure._show(measured, as_json=True)
+    lead = json.loads(capsys.readouterr().out)["lead"]
+    assert (lead["largest_in_volume"], lead["expanded_uncertainty"]) == (8.93e-6, 1.24e-6)
 
 
 def test_a_run_that_has_reached_its_target_is_complete(capsys):

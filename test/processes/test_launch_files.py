@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import fake_launch
 import pytest
+import yaml
 from refused import a_fault, refused
 
 from stepdiag_ros.metrology.refusal import Refusal
@@ -49,6 +50,28 @@ def parameters(action):
         name: value.arguments[0] if kind(value) == "ParameterValue" else value
         for name, value in given.items()
     }
+
+
+def test_simulated_devices_of_different_cells_are_refused(tmp_path):
+    path = tmp_path / "cell.yaml"
+    given = {
+        "sequencer": {"cell": "demo"},
+        "interferometer": {"device": "simulated", "cell": "demo"},
+        "weather": {"device": "simulated", "cell": "hidden_backlash"},
+        "cnc_bridge": {"device": "simulated", "cell": "demo"},
+    }
+
+    def write():
+        path.write_text(yaml.dump({"/**": {n: {"ros__parameters": p} for n, p in given.items()}}))
+        return str(path)
+
+    with refused(Refusal, "mismatch", "weather", about="cell"):
+        check_cell_file(write())
+    given["weather"]["cell"] = "demo"
+    check_cell_file(write())
+    # A run of a real machine has no cell, whatever the sequencer's default would be.
+    given["sequencer"]["cell"] = ""
+    check_cell_file(write())
 
 
 def test_there_are_the_launch_files_that_the_documentation_names():

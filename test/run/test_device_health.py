@@ -17,6 +17,7 @@ from stepdiag_ros.run.device_health import (
     AIR_UNKNOWN,
     DIM,
     GOOD,
+    NO_BEAM_NEEDED,
     NO_BEAM_YET,
     NO_COMPENSATED,
     NO_RAW,
@@ -119,10 +120,10 @@ def test_what_was_lost_before_a_setup_does_not_matter_to_it(laser):
     assert laser.judge(in_run=False).message == GOOD
 
 
-def test_outside_a_run_a_missing_beam_is_only_worth_a_warning(laser):
+def test_outside_a_run_a_missing_beam_is_nothing_to_warn_of(laser):
     laser.read(STATUS_BEAM_LOST)
     finding = laser.judge(in_run=False)
-    assert (finding.level, finding.message) == (Level.WARN, NO_BEAM_YET)
+    assert (finding.level, finding.message) == (Level.OK, NO_BEAM_NEEDED)
 
 
 @pytest.mark.parametrize(("status", "signal"), [(STATUS_LOW_SIGNAL, 1.0), (STATUS_OK, 0.19)])

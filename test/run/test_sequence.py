@@ -226,12 +226,13 @@ def test_a_line_that_is_measured_again_begins_with_its_overrun_again():
 def test_a_run_up_beyond_the_soft_limits_is_named():
     plan = overrun_plan()
     high = (0.0235, 0.042, 0.063)
-    assert out_of_limits(plan, (-0.003, -0.003, -0.003), high) == ""
-    text = out_of_limits(plan, (-0.002, -0.003, -0.003), high)
+    assert out_of_limits(plan, (-0.003, -0.003, -0.003), high, "here") == ""
+    text = out_of_limits(plan, (-0.002, -0.003, -0.003), high, "here")
     assert "line x runs X from -0.003 m" in text and "overrun of 0.003 m included" in text
-    text = out_of_limits(replace(plan, lines=plan.lines[4:]), (-0.003, -0.003, -0.003), ORIGIN)
+    last = replace(plan, lines=plan.lines[4:])
+    text = out_of_limits(last, (-0.003, -0.003, -0.003), ORIGIN, "here")
     assert "line p0n runs X" in text
-    assert out_of_limits(replace(plan, overrun=0.0), ORIGIN, (0.02, 0.04, 0.06)) == ""
+    assert out_of_limits(replace(plan, overrun=0.0), ORIGIN, (0.02, 0.04, 0.06), "here") == ""
 
 
 def test_waits_for_the_assembler_and_for_the_dwell():
@@ -572,8 +573,8 @@ def test_the_progress_says_in_which_block_of_which_line_the_run_is():
 
 
 def test_a_plan_beyond_the_soft_limits_is_named():
-    assert out_of_limits(a_plan(), ORIGIN, (1.0, 1.0, 1.0)) == ""
-    text = out_of_limits(a_plan(), ORIGIN, (1.0, 0.03, 1.0))
+    assert out_of_limits(a_plan(), ORIGIN, (1.0, 1.0, 1.0), "here") == ""
+    text = out_of_limits(a_plan(), ORIGIN, (1.0, 0.03, 1.0), "here")
     assert "npp" in text and "Y" in text
 
 

@@ -129,6 +129,10 @@ class JointController(Protocol):
         """Return the controllers that could have been meant: those whose action is on the graph."""
         ...
 
+    def managers(self) -> list[str]:
+        """Return the controller managers that are on the graph."""
+        ...
+
     def ask_manager(self) -> None:
         """Ask for the states of controllers and hardware; ``ManagerReport`` comes as news."""
         ...

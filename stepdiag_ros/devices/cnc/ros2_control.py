@@ -63,6 +63,8 @@ ASK_PERIOD = NANOSECONDS // 2
 """ns between two questions to the controller manager."""
 CLOCK_LIMIT = NANOSECONDS
 """ns by which the time of a position may differ from ours, if it may not be late by more."""
+HEALED_IN = NANOSECONDS
+"""ns without trouble after which axes at rest, whose controller could not be used, are ready."""
 STRAYED = 1e-4
 """m: an axis that stands moves no farther, whatever its servo does."""
 CODES = {
@@ -193,6 +195,9 @@ class Ros2ControlCnc:
         self._rest: tuple[int, Point] = (start, UNKNOWN_POINT)
         self._why = ""
         self._events: list[CncEvent] = []
+        # Since when nothing is wrong any more with a controller that failed while the axes stood;
+        # None: the fault is one that only a reset ends.
+        self._heals: int | None = None
         self._state, self._reason = CncState.FAULT, ""
         self._doing, self._since = _Doing.CONNECTING, start
         self._change(start, CncState.FAULT, f"the controller {_Doing.CONNECTING.value}")
@@ -359,8 +364,9 @@ class Ros2ControlCnc:
         if strange := [name for name in names if not isfinite(positions[name])]:
             self._unusable = f"{self._source}: the position of {', '.join(strange)} is not a number"
             return
-        if abs(self._now - stamp) > max(CLOCK_LIMIT, self._settings.silence * NANOSECONDS):
-            self._unusable = _off_time(self._source, (stamp - self._now) / NANOSECONDS)
+        limit = max(CLOCK_LIMIT, self._settings.silence * NANOSECONDS)
+        if abs(self._now - stamp) > limit:
+            self._unusable = _off_time(self._source, stamp > self._now, limit / NANOSECONDS)
             return
         self._unusable, self._heard = "", self._now
         self._told = max(self._told, min(stamp, self._now))
@@ -418,7 +424,11 @@ class Ros2ControlCnc:
                 " machine file alone"
             )
         if self._now - self._reported > self._answered_in or self._report is None:
-            return f"the controller manager {names.manager} does not answer"
+            there = ", ".join(self._controller.managers()) or "none"
+            return (
+                f"the controller manager {names.manager} does not answer; managers that are there:"
+                f" {there}"
+            )
         if trouble := self._idle(self._report):
             return trouble
         if not self._controller.reachable:
@@ -468,7 +478,18 @@ class Ros2ControlCnc:
                 fault="undetermined",
             )
         elif trouble and self._state in (CncState.READY, CncState.MOVING):
+            at_rest = self._state is CncState.READY
             self._fault(trouble)
+            self._heals = now if at_rest else None
+        elif self._state is CncState.FAULT and self._heals is not None:
+            self._heal(now, trouble, self._heals)
+
+    def _heal(self, now: int, trouble: str, since: int) -> None:
+        """Be ready again after a fault at rest whose cause is gone; a run it held stays held."""
+        if trouble or not self._stands(now):
+            self._heals = now
+        elif now - since >= HEALED_IN:
+            self._take_up(now)
 
     def _watch_gantry(self, positions: Mapping[str, float]) -> None:
         apart = self._axes.apart(positions)
@@ -539,7 +560,7 @@ class Ros2ControlCnc:
 
     def _take_up(self, now: int) -> None:
         """Accept moves from where the axes stand."""
-        self._commanded = self._position
+        self._commanded, self._heals = self._position, None
         self._begin(_Doing.NOTHING)
         self._change(now, CncState.READY, "")
 
@@ -549,6 +570,7 @@ class Ros2ControlCnc:
             return
         if not self._ended:
             self._controller.cancel()
+        self._heals = None
         self._begin(_Doing.NOTHING)
         self._change(self._now, CncState.FAULT, reason)
 
@@ -565,13 +587,19 @@ class Ros2ControlCnc:
         self._events.append(StateChange(self._told, state, self._position, reason))
 
 
-def _off_time(source: str, off: float) -> str:
-    """Say what it may mean that a message is stamped ``off`` s after our time."""
-    if off > 0.0:
-        return f"{source} is stamped {off:.3g} s ahead of our time: synchronise the clocks"
+def _off_time(source: str, ahead: bool, limit: float) -> str:
+    """Say what it may mean that a message is stamped more than ``limit`` s off our time.
+
+    How much is left out: it changes with each message, and each change is reported.
+    """
+    if ahead:
+        return (
+            f"{source} is stamped more than {limit:g} s ahead of our time: synchronise the clocks"
+        )
     return (
-        f"{source} comes {-off:.3g} s after its stamp: this computer is too busy to read it, or"
-        " the clocks differ; silence_s is the limit"
+        f"{source} comes more than {limit:g} s after its stamp: this computer is too busy to read"
+        " it, or the clocks differ; silence_s sets the limit, which is at least"
+        f" {CLOCK_LIMIT / NANOSECONDS:g} s"
     )
 
 

@@ -106,7 +106,7 @@ class RunSection(PageSection):
     def _remaining(self, seconds: float) -> str:
         text = time_left(seconds)
         simulated = self._run is not None and self._run.simulated and text != UNKNOWN
-        return f"{text} of simulated time" if simulated else text
+        return f"{text} of machine time" if simulated else text
 
     def _refused_start(self) -> str:
         """Return why no run can be started; nothing if one can, or if that is not known."""

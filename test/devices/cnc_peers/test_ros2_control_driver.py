@@ -191,12 +191,12 @@ def test_axes_that_do_not_move_keep_the_place_that_they_were_sent_to():
 @pytest.mark.parametrize(
     ("broken", "about"),
     [
-        ({"manager": False}, "/gantry/controller_manager"),
+        ({"manager": False}, "/cell/controller_manager"),
         ({"reachable": False}, "/cell/gantry_controller"),
         ({"sampling": False}, "/joint_states"),
         ({"description": ""}, "robot_state_publisher"),
-        ({"clock_off": 12.5}, "12.5 s ahead"),
-        ({"clock_off": -12.5}, "12.5 s after"),
+        ({"clock_off": 12.5}, "ahead"),
+        ({"clock_off": -12.5}, "after"),
         ({"unknown": ("x",)}, "x"),
         ({"left_out": ("y_left",)}, "y_left"),
         ({"others": 1}, "another"),
@@ -228,6 +228,34 @@ def test_a_controller_or_hardware_that_is_not_active_is_named(part):
     assert f"'{named}'" in operator.changes[-1].reason and "inactive" in operator.changes[-1].reason
     setattr(rig.controller.robot, part, "active")
     assert operator.ready()
+
+
+@pytest.mark.parametrize("instant", ["at rest", "in a move"])
+def test_a_fault_at_rest_ends_with_its_cause_and_one_in_a_move_with_a_reset(instant):
+    operator, rig = operator_of()
+    start = operator.ready().position
+    if instant == "in a move":
+        operator.move(add(start, x=0.04), "X", 0.01)
+        operator.until(lambda: operator.position[0] > start[0] + 0.01)
+    rig.controller.robot.deactivate(rig.now() / SECOND)
+    operator.until_state(CncState.FAULT, limit=10.0)
+    operator.watch(0.5)
+    mend(rig)
+    operator.watch(0.5)
+    # A cause that comes and goes is not gone.
+    assert operator.device.state is CncState.FAULT
+    operator.watch(2.0)
+    ends = operator.device.state is CncState.READY
+    assert ends == (instant == "at rest")
+
+
+def test_positions_that_come_late_are_reported_once_however_late_each_is():
+    operator, rig = operator_of(lambda controller: setattr(controller, "clock_off", -12.5))
+    for number in range(20):
+        rig.controller.clock_off = -12.5 - 0.1 * number
+        operator.watch(0.2)
+    said = [change.reason for change in operator.changes if "after" in change.reason]
+    assert len(said) == 1
 
 
 # In a move ----------------------------------------------------------------------------------------

@@ -89,6 +89,9 @@ class FakeController:
     def alternatives(self):
         return ["/cell/gantry_controller"]
 
+    def managers(self):
+        return ["/cell/controller_manager"]
+
     def ask_manager(self):
         if self.manager:
             robot = self.robot

@@ -78,7 +78,7 @@ def test_where_the_run_is(state, small_run):
     told = state.document("run")
     assert told["state"] == "RUNNING" and told["words"] == "measuring"
     assert (told["block"], told["block_count"], told["line_number"]) == (2, 3, index + 1)
-    assert told["remaining"] == "12 min of simulated time"
+    assert told["remaining"] == "12 min of machine time"
     assert told["share"] == pytest.approx(21 / small_run.plan.stop_count)
     assert told["plan"] == "a small box" and told["simulated"] is True
     state.take(small_run.status(state=RunState.FINISHED, line_index=len(small_run.plan.lines) - 1))
