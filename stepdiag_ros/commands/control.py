@@ -47,7 +47,8 @@ COMMANDS = (
         "continue a run after a pause, a setup or a fault",
         "Continue a run. The machine moves: make sure that nobody is near it. After a pause,"
         " the run goes on. At a setup, you confirm that laser and mirror are aligned. After a"
-        " fault, you confirm that its cause is removed; the present line is measured again.",
+        " fault, you confirm that its cause is removed; the present line is measured again. The"
+        " exit code is also 1 if the machine cannot be made ready, and the run stays held.",
     ),
     _command(
         43,

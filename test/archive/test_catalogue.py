@@ -134,6 +134,24 @@ def test_small_parts_are_packed_into_larger_ones_and_those_too(folder, monkeypat
         assert len(rows(folder)) == 27
 
 
+def test_packed_rows_stand_in_one_order_however_their_parts_came(folder):
+    filled(folder, range(4), start_time=BEGAN, machine="one machine", run_id="one run")
+
+    def packed(order):
+        with Catalogue(folder) as opened:
+            part = opened.pack(sorted(opened.parts)[::order])
+        with Catalogue(folder) as opened:
+            assert opened.parts == [part]
+            found = [opened.ask(f"select * exclude (part) from rows_{table}") for table in TABLES]
+        assert len(found[0]) == 4
+        for name in folder.names("catalogue"):
+            if part in name:
+                folder.remove(name)
+        return found
+
+    assert packed(1) == packed(-1)
+
+
 def test_two_that_pack_at_once_leave_each_row_once(folder):
     filled(folder, range(4))
     with Catalogue(folder) as one, Catalogue(folder) as other:
