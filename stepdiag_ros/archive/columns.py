@@ -41,6 +41,9 @@ class Run(Key):
         str | None, means("Name of the instrument; of a recorded run the driver that read it.")
     ]
     instrument_serial_number: Annotated[str | None, means("Of the instrument.")]
+    weather_station: Annotated[
+        str | None, means("Of a recorded run: `hardware_id` of its sensors, else their driver.")
+    ]
     plan: Annotated[str | None, means("Name of the test plan.")]
     chain: Annotated[str | None, means("Order of the axes from workpiece to tool, such as YXZ.")]
     simulated: Annotated[bool | None, means("The machine is a simulated cell.")]

@@ -42,7 +42,7 @@ _FIRST = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _ROWS = f"""
 select f.time, f.machine, f.run_id, f.bag_sha256, kind, f.method, name, unit, value,
     standard_uncertainty, expanded_uncertainty, instrument, instrument_serial_number,
-    material_temperature_degC, material_temperature_range_K
+    weather_station, material_temperature_degC, material_temperature_range_K
 from figures f join runs r on f.bag_sha256 = r.bag_sha256
     and f.run_id is not distinct from r.run_id
 where f.time is not null and isfinite(value) and relied_on
@@ -404,9 +404,15 @@ def series_of(rows: Sequence[Mapping[str, Any]], shared: float) -> Series:
         np.array(own),
         np.array([_number(row["material_temperature_degC"]) for row in rows]),
         np.array([_number(row["material_temperature_range_K"]) for row in rows]) / sqrt(12.0),
-        [_instrument(row) for row in rows],
+        # A scale that is stated is that of the laser, whichever sensors it is compensated by.
+        [_instrument(row) if shared >= 0.0 else _sensors(row) for row in rows],
         shared,
     )
+
+
+def _sensors(row: Mapping[str, Any]) -> str:
+    """Return what the error of a run's scale depends on: its instrument and weather station."""
+    return f"{_instrument(row)} with {row['weather_station'] or ''}"
 
 
 def _instrument(row: Mapping[str, Any]) -> str:

@@ -33,8 +33,8 @@ from stepdiag_ros.text.sentence import sentence
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _IDENTITY = ("run_id", "machine", "serial_number", "start_time")
-_INSTRUMENT = "/interferometer"
-"""End of the name of the node whose parameters state the instrument."""
+_INSTRUMENT, _WEATHER = "/interferometer", "/weather"
+"""Ends of the names of the nodes whose parameters state instrument and weather station."""
 
 
 @dataclass(frozen=True)
@@ -114,13 +114,16 @@ def _stated_first(found: FoundRun) -> dict[str, Any]:
 def _stated(recorded: RecordedRun) -> dict[str, Any]:
     """Return what a run states of itself, before it is evaluated."""
     facts = machine_facts(recorded)
-    instrument, serial = _instrument(recorded)
+    told = recorded.told_by_source
+    driver, serial = _device(recorded, _INSTRUMENT)
+    station, sensors = _device(recorded, _WEATHER)
     return {
         **_stated_first(recorded.found),
         "machine": facts.get("name"),
         "serial_number": facts.get("serial number"),
-        "instrument": instrument,
-        "instrument_serial_number": serial,
+        "instrument": told.get("instrument") or driver,
+        "instrument_serial_number": told.get("instrument_serial_number") or serial,
+        "weather_station": sensors or station,
         "plan": recorded.plan.name or None,
         "chain": recorded.chain or None,
         "simulated": True if recorded.simulated_cell else None,
@@ -281,17 +284,16 @@ def _curves(report: Report) -> Iterator[dict[str, Any]]:
             }
 
 
-def _instrument(recorded: RecordedRun) -> tuple[str | None, str | None]:
-    """Return name and serial number of the instrument, as far as the bag states them."""
-    told = recorded.told_by_source
-    names = [told.get("instrument"), told.get("instrument_serial_number")]
+def _device(recorded: RecordedRun, node_ending: str) -> tuple[str | None, str | None]:
+    """Return driver and hardware_id of a node's device, as far as the bag states them."""
+    names: list[Any] = [None, None]
     text = next((one.data for one in recorded.bag.attachments if one.name == PARAMETERS), b"")
     nodes = parse_yaml(text.decode(errors="replace"), PARAMETERS) if text else {}
     for node, values in nodes.items() if isinstance(nodes, dict) else ():
-        if f"/{node}".endswith(_INSTRUMENT) and isinstance(values, dict):
+        if f"/{node}".endswith(node_ending) and isinstance(values, dict):
             names = [names[0] or values.get("device"), names[1] or values.get("hardware_id")]
-    name, serial = (str(one) if one else None for one in names)
-    return name, serial
+    driver, identity = (str(one) if one else None for one in names)
+    return driver, identity
 
 
 def _environment(measurement: Measurement | None) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from refused import refused
 
 from stepdiag_ros.archive import catalogue
 from stepdiag_ros.archive.catalogue import Catalogue
-from stepdiag_ros.archive.histories import axes_of, histories
+from stepdiag_ros.archive.histories import axes_of, histories, series_of
 from stepdiag_ros.archive.place import Place
 from stepdiag_ros.archive.rows import Rows
 from stepdiag_ros.archive.stated import FILE
@@ -142,6 +142,19 @@ def series_in_boxes(tmp_path, sides):
             getattr(rows, table).extend(getattr(made, table))
     catalogue.write_part(place, "part", rows)
     return place, read(place, "m")["m"]
+
+
+@pytest.mark.parametrize(("shared", "names"), [(float("nan"), 2), (1e-7, 1)])
+def test_runs_with_other_air_sensors_share_an_error_only_where_the_scale_is_stated(shared, names):
+    row = dict.fromkeys(("instrument", "material_temperature_degC", "expanded_uncertainty"))
+    row |= {"material_temperature_range_K": None, "instrument_serial_number": "L1"}
+    row |= {"value": 1e-6, "standard_uncertainty": 1e-7}
+    rows = [
+        row | {"time": BEGAN + timedelta(days=days), "weather_station": station}
+        for days, station in enumerate(("W1", "W2", "W1"))
+    ]
+    made = series_of(rows, shared).instruments
+    assert len(set(made)) == names and made[0] == made[2]
 
 
 def test_what_depends_on_the_box_is_followed_in_the_newest_box_only(tmp_path):

@@ -62,6 +62,7 @@ def test_the_run_has_the_lead_of_the_report(rows, document):
         one["name"]: (one["value"], one["expanded_uncertainty"]) for one in lead["single_errors"]
     }
     assert (run.machine, run.instrument, run.chain) == ("demo machine", "simulated", "YXZ")
+    assert run.weather_station == "simulated"
     assert 20.0 < run.air_temperature_degC < 21.0 and 1.0e5 < run.air_pressure_Pa < 1.02e5
     assert (run.figure_count, run.curve_count) == (len(rows.figures), len(rows.curves))
 
