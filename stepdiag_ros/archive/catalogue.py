@@ -37,9 +37,9 @@ KEPT = timedelta(minutes=15)
 """A part that was replaced stays for this time, so that who has begun to read can end."""
 _MEMORY = "256MB"
 """That packing may use; what is more is sorted on the disk."""
-_EACH = "start_time, bag_sha256, run_id"
+_EACH = "start_time, bag_sha256"
 _SORTED = {
-    "runs": f"machine, {_EACH}",
+    "runs": f"machine, {_EACH}, run_number",
     "figures": f"machine, kind, name, {_EACH}, method",
     "curves": f"machine, name, {_EACH}, method",
 }

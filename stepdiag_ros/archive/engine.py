@@ -178,6 +178,9 @@ def local_cluster(workers: int) -> Iterator[Any]:
         "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
         # Nobody looks at the profile that a worker takes of itself a hundred times a second.
         "distributed.worker.profile.enabled": False,
+        # Records of the last thousand events of each kind fill up over ten thousand bags.
+        "distributed.admin.low-level-log-length": 10,
+        "distributed.diagnostics.computations.max-history": 1,
     }
     with (
         dask.config.set(settings),
