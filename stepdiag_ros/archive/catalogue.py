@@ -242,6 +242,8 @@ class Catalogue:
         part = _part(bags["number"], parts)
         with tempfile.TemporaryDirectory() as folder:
             self.connection.execute(f"set temp_directory = {_text(folder)}")
+            # Each thread has buffers of its own; who packs is to need no more the more there is.
+            self.connection.execute("set threads = 1")
             for table, order in _SORTED.items():
                 query = (
                     f"select * replace ({_text(part)} as part) from {self._read(table, parts)}"
@@ -249,6 +251,7 @@ class Catalogue:
                 )
                 target = _text(str(_file(folder, table)))
                 self.ask(f"copy ({query}) to {target} (format parquet, compression zstd)")
+            self.connection.execute("reset threads")
             (Path(folder) / _REPLACED).write_text("\n".join(one for one in parts if one != part))
             self.place.put(Path(folder) / _REPLACED, _list(part))
             _put(self.place, part, Path(folder))
