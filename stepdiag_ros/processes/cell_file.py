@@ -4,7 +4,7 @@ ROS leaves out what is meant for no node, so that a node whose name is misspelt 
 with its defaults; on a machine that could be a simulated device in place of a real one.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -161,32 +161,32 @@ def _value(node: DeclaredNode, given: dict[str, Any], name: str) -> Any:
 def _check_machines(given: dict[str, dict[str, Any]]) -> None:
     """Refuse a sequencer and a bridge that would have different machines: no run would start."""
     default = next(node for node in NODES if node.name == "sequencer").find("machine").default
-    one, other = (given[node].get("machine", default) for node in ("sequencer", "cnc_bridge"))
-    if load_machine(one)[0] != load_machine(other)[0]:
-        raise Refusal(
-            f"the machine of the sequencer ({one}) and of cnc_bridge ({other}) differ: name the"
-            " same file for both",
-            fault="mismatch",
-            about="machine",
-        )
+    used = [(node, given[node].get("machine", default)) for node in ("sequencer", "cnc_bridge")]
+    _check_same("machine", used, lambda file: load_machine(file)[0])
 
 
 def _check_cells(given: dict[str, dict[str, Any]]) -> None:
     """Refuse simulated devices that would be of different cells, or of another than the run's."""
     nodes = {node.name: node for node in NODES}
-    used = {
-        name: _value(nodes[name], given[name], "cell")
+    used = [
+        (name, _value(nodes[name], given[name], "cell"))
         for name in ("sequencer", *_KINDS)
         if name == "sequencer" or given[name][DEVICE] == SIMULATED
-    }
-    named = [(name, cell) for name, cell in used.items() if cell]
-    for (one, first), (other, second) in pairwise(named):
-        if load_cell(first)[1] != load_cell(second)[1]:
+    ]
+    _check_same(
+        "cell", [(name, cell) for name, cell in used if cell], lambda file: load_cell(file)[1]
+    )
+
+
+def _check_same(about: str, used: list[tuple[str, str]], load: Callable[[str], Any]) -> None:
+    """Refuse files that differ where nodes (name, file) must have the same."""
+    for (one, first), (other, second) in pairwise(used):
+        if load(first) != load(second):
             raise Refusal(
-                f"the simulated cell of {one} ({first}) and of {other} ({second}) differ: name the"
-                " same file for all",
+                f"the {about} of the {one} ({first}) and of {other} ({second}) differ: name the"
+                " same file for both",
                 fault="mismatch",
-                about="cell",
+                about=about,
             )
 
 
