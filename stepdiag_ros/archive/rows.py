@@ -115,8 +115,9 @@ def _stated(recorded: RecordedRun) -> dict[str, Any]:
     """Return what a run states of itself, before it is evaluated."""
     facts = machine_facts(recorded)
     told = recorded.told_by_source
-    driver, serial = _device(recorded, _INSTRUMENT)
-    station, sensors = _device(recorded, _WEATHER)
+    nodes = _parameters(recorded)
+    driver, serial = _device(nodes, _INSTRUMENT)
+    station, sensors = _device(nodes, _WEATHER)
     return {
         **_stated_first(recorded.found),
         "machine": facts.get("name"),
@@ -284,12 +285,17 @@ def _curves(report: Report) -> Iterator[dict[str, Any]]:
             }
 
 
-def _device(recorded: RecordedRun, node_ending: str) -> tuple[str | None, str | None]:
-    """Return driver and hardware_id of a node's device, as far as the bag states them."""
-    names: list[Any] = [None, None]
+def _parameters(recorded: RecordedRun) -> dict[str, Any]:
+    """Return the parameters of each node, as far as the bag states them."""
     text = next((one.data for one in recorded.bag.attachments if one.name == PARAMETERS), b"")
     nodes = parse_yaml(text.decode(errors="replace"), PARAMETERS) if text else {}
-    for node, values in nodes.items() if isinstance(nodes, dict) else ():
+    return nodes if isinstance(nodes, dict) else {}
+
+
+def _device(nodes: dict[str, Any], node_ending: str) -> tuple[str | None, str | None]:
+    """Return driver and hardware_id of a node's device, as far as its parameters state them."""
+    names: list[Any] = [None, None]
+    for node, values in nodes.items():
         if f"/{node}".endswith(node_ending) and isinstance(values, dict):
             names = [names[0] or values.get("device"), names[1] or values.get("hardware_id")]
     driver, identity = (str(one) if one else None for one in names)
