@@ -7,8 +7,10 @@ error messages need both, so the frame is walked here and only the bodies are le
 
 import mmap
 import struct
+import threading
 import zlib
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -35,6 +37,16 @@ _FRAMED_MESSAGE = struct.Struct("<BQHIQQ")
 """Frame and head of a message; of other records, the frame and whatever stands behind it."""
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _COMPRESSIONS = (b"", b"zstd", b"lz4")
+
+
+class _Zstd(threading.local):
+    """One decompressor for each thread: the library makes a new one for every chunk."""
+
+    def __init__(self) -> None:
+        self.decompressor = zstandard.ZstdDecompressor()
+
+
+_zstd = _Zstd()
 
 
 class RawRecord(NamedTuple):
@@ -235,6 +247,9 @@ def chunk_content(body: bytes) -> bytes:
     chunk: Chunk = _parsed(Chunk.read, body)
     _bound(chunk)
     try:
+        if chunk.compression == "zstd":
+            content = _zstd.decompressor.decompress(chunk.data, chunk.uncompressed_size)
+            chunk = replace(chunk, compression="", data=content)
         stream, length = get_chunk_data_stream(chunk, validate_crc=True)
         content = stream.read(length)
     except (McapError, zstandard.ZstdError, ValueError, RuntimeError, MemoryError) as error:

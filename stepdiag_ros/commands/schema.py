@@ -6,6 +6,7 @@ from pathlib import Path
 
 from stepdiag_ros import resources, schemas
 from stepdiag_ros.commands.arguments import Command, Group, no_such
+from stepdiag_ros.metrology.spelling import nearest
 
 _EXAMPLES = """\
 examples:
@@ -42,9 +43,11 @@ def run(arguments: Namespace) -> int:
 def _known(name: str) -> str:
     # Looked up only here: other commands start without it.
     known = [*schemas.VERSIONS, *_interfaces()]
-    if name not in known:
+    if name in known:
+        return name
+    if nearest(name, known):
         raise ArgumentTypeError(no_such(name, known))
-    return name
+    raise ArgumentTypeError(f"there is no '{name}'; list the names with: stepdiag schema")
 
 
 def _interfaces() -> dict[str, Path]:

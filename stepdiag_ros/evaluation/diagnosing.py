@@ -221,7 +221,7 @@ def when_over(summary: DiagnosisSummary) -> DiagnosisSummary:
     if summary.verdict == NOT_TESTABLE and summary.lines < summary.lines_planned:
         reason = (
             "The lines do not show whether model and run agree: only"
-            f" {summary.lines} of {summary.lines_planned} lines are measured."
+            f" {summary.lines} of {summary.lines_planned} passes are measured."
         )
         return replace(summary, run_over=True, sentence=reason)
     return replace(summary, run_over=True)

@@ -267,7 +267,7 @@ class MeasuringSession:
         bag = self._folder / f"{file_name_of(state.run_id if state else '')}.mcap"
         if not bag.exists():
             return "no bag was begun: start the run again"
-        return f"{state.line_index} of {state.line_count} lines are in {bag}"
+        return f"{state.line_index} of {state.line_count} passes are in {bag}"
 
 
 def _go_on(state: State, text: str) -> bool:

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.machine import Machine
-from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plan import Line, Plan
 
 
 def beyond_machine(plan: Plan, machine: Machine) -> str:
@@ -26,19 +26,38 @@ def out_of_limits(
 ) -> str:
     """Say which line first leaves the soft limits (m) of a source; empty if none does."""
     for line in plan.lines:
-        stops = line.stops(plan.volume)
-        beyond = plan.run_up(line)
-        if beyond is not None:
-            stops = np.vstack((beyond, stops))
-        if line.tracked is not None:
-            stops = np.vstack((stops, plan.corners))
-        for axis in range(3):
-            reach = stops[:, axis].min(), stops[:, axis].max()
-            if reach[0] < low[axis] or reach[1] > high[axis]:
-                overrun = "" if beyond is None else f", overrun of {plan.overrun:g} m included"
+        for axis, (least, most) in enumerate(zip(*_reach(plan, line), strict=True)):
+            if least < low[axis] or most > high[axis]:
+                run_up = plan.run_up(line) is not None
+                overrun = f", overrun of {plan.overrun:g} m included" if run_up else ""
                 return (
-                    f"line {line.name} runs {AXES[axis]} from {reach[0]:g} m to {reach[1]:g} m"
+                    f"line {line.name} runs {AXES[axis]} from {least:g} m to {most:g} m"
                     f"{overrun}, outside the soft limits of {source}, {low[axis]:g} m to"
                     f" {high[axis]:g} m"
                 )
     return ""
+
+
+def least_clearance(plan: Plan, machine: Machine) -> tuple[float, str]:
+    """Return how near a plan comes to an end of the travel, m (negative: beyond it), and its axis.
+
+    Run-ups count as well as stops.
+    """
+    reaches = [_reach(plan, line) for line in plan.lines]
+    low = np.min([least for least, _ in reaches], axis=0) - np.array(machine.travel_low_m)
+    high = np.array(machine.travel_high_m) - np.max([most for _, most in reaches], axis=0)
+    clearance = np.minimum(low, high)
+    nearest = int(np.argmin(clearance))
+    return float(clearance[nearest]), AXES[nearest]
+
+
+def _reach(plan: Plan, line: Line) -> tuple[Vector, Vector]:
+    """Return the least and the largest position of each axis on a line, run-up included, m."""
+    places = [line.stops(plan.volume)]
+    beyond = plan.run_up(line)
+    if beyond is not None:
+        places.append(np.atleast_2d(beyond))
+    if line.tracked is not None:
+        places.append(plan.corners)
+    reached = np.vstack(places)
+    return reached.min(axis=0), reached.max(axis=0)

@@ -523,7 +523,7 @@ class Sequence:
 
     def _finish(self) -> None:
         done, total = self._line_index, len(self._stops)
-        said = ["all lines are measured" if done == total else f"{done} of {total} lines measured"]
+        said = ["all lines are measured" if done == total else f"{done} of {total} passes measured"]
         if self.incomplete:
             said.append(f"left incomplete: {'; '.join(self.incomplete)}")
         if self._ends:

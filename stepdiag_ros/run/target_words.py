@@ -11,10 +11,10 @@ def standing_words(standing: TargetStanding) -> str:
 
 
 def course_words(standing: TargetStanding) -> str:
-    """Say what is reached by the lines so far, and how long it takes still, or what hinders it."""
+    """Say what is reached by the passes so far, and how long it takes still, or what hinders it."""
     words = standing_words(standing)
     if standing.lines:
-        words += f" after {standing.lines} {'line' if standing.lines == 1 else 'lines'}"
+        words += f" after {standing.lines} {'pass' if standing.lines == 1 else 'passes'}"
     if standing.state is TargetState.REACHED:
         return f"{words}: reached"
     if standing.state is TargetState.BEYOND_PLAN:
@@ -32,10 +32,10 @@ def end_words(standing: TargetStanding | None, lines: int) -> str:
 
     Args:
         standing: as last known; None if nothing was ever known.
-        lines: that were measured.
+        lines: passes that were measured.
     """
     if standing is not None and standing.state is TargetState.REACHED:
         return f"the target is reached: {standing_words(standing)}"
     if standing is None or standing.lines < lines:
-        return "whether the target is reached is unknown: the last line is not solved"
+        return "whether the target is reached is unknown: the last pass is not solved"
     return f"the target is not reached: {standing_words(standing)}; {standing.text}"

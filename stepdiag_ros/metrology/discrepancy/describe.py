@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail_of
@@ -150,7 +150,7 @@ class Describer:
         """Say whether what is beyond a span is worth another look."""
         left = self._problem.gap - span @ (span.T @ self._problem.gap)
         freedom = self._problem.freedom - span.shape[1]
-        return bool(chi2.sf(left @ left, freedom) < _WORTH_A_LOOK)
+        return bool(chdtrc(freedom, left @ left) < _WORTH_A_LOOK)
 
     def _dependence(self, gap: Vector, span: Vector) -> tuple[Dependence | None, _Written | None]:
         besides = self._besides(span)
@@ -302,7 +302,7 @@ class Describer:
         if weighed.tried > 1:
             # As if no two windows shared a stop: chance is overrated rather than underrated.
             chance = -np.expm1(np.log(self._rng.random((1, _DRAWS))) / weighed.tried)
-            draws = chi2.isf(chance, 1)
+            draws = chdtri(1, chance)
         else:
             draws = self._rng.standard_normal((len(values), _DRAWS)) ** 2
         evidence = _averaged(values, (draws * slow / self._variance).T)

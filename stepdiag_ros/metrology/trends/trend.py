@@ -6,7 +6,7 @@ from functools import partial
 from math import nan
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.trends.changes import Search
@@ -241,7 +241,7 @@ def _trend(series: Series, design: Design, tolerance: float) -> Trend:
 
 
 def _factor(now: Fit, probability: float) -> float:
-    return float(student.ppf(0.5 + 0.5 * probability, now.degrees_of_freedom))
+    return float(stdtrit(now.degrees_of_freedom, 0.5 + 0.5 * probability))
 
 
 def _changes(series: Series, places: list[Place], now: Fit, search: Search) -> tuple[Change, ...]:

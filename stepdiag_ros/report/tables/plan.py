@@ -15,6 +15,7 @@ from stepdiag_ros.planning.duration import LineDuration, PlanDuration
 from stepdiag_ros.planning.mirror import mirror_width
 from stepdiag_ros.planning.proposal import PlanProposal, hours, size_words
 from stepdiag_ros.planning.request import PlanCandidate
+from stepdiag_ros.run.feasibility import least_clearance
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
@@ -196,6 +197,11 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
         f"{assessment.machine.position_hold_s + assumed.settling_s:g} s after a move; every stop "
         f"settles at once; standard uncertainty of a stop "
         f"{assessment.stop_uncertainty * IN_MICRO:g} µm."
+    )
+    distance, axis = least_clearance(assessment.plan, assessment.machine)
+    sentences.append(
+        "All stops and run-ups are within the machine's travel; the nearest end of it is"
+        f" {distance * IN_MILLI:.3g} mm away ({axis})."
     )
     if width := mirror_width(assessment.plan):
         sentences.append(
