@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+
 from stepdiag_ros.configuration import load_machine, load_plan
 from stepdiag_ros.run.feasibility import beyond_machine, least_clearance
 
