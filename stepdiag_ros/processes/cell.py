@@ -18,7 +18,7 @@ PATIENT = {
 """Limits of real time in a simulated cell, s: its machine is in no danger from a busy computer."""
 
 _POSITION_RATE = 500.0
-"""Hz, of the simulated controller where lines are measured on the fly."""
+"""Hz, of the controller where lines are measured on the fly."""
 
 
 def simulated_node(name: str, **parameters: object) -> NodeProcess:
@@ -116,13 +116,14 @@ def simulated_cell(
     # The air that the beam feels and the air that the sensors feel are the same.
     simulated = {"device": "simulated", "cell": cell}
     weather: dict[str, object] = {**simulated, "weather_begins": time.time_ns()}
-    moving = {"position_rate": _POSITION_RATE} if load_plan(plan)[0].on_the_fly else {}
     return [
         simulated_node("clock", use_sim_time=False, factor=factor),
         simulated_node("recorder", folder=folder),
         *evaluation(model),
         simulated_node("weather", **weather),
-        simulated_node("bridge", **simulated, machine=machine, correction=correction, **moving),
+        simulated_node(
+            "bridge", **simulated, machine=machine, correction=correction, **_moving(plan)
+        ),
         # However late messages are when the computer is busy, no reading is made without the
         # position and the weather of its own time.
         simulated_node(
@@ -130,6 +131,11 @@ def simulated_cell(
         ),
         simulated_node("sequencer", plan=plan, machine=machine, cell=cell),
     ]
+
+
+def _moving(plan: str) -> dict[str, object]:
+    """Return what the bridge needs for a plan's lines on the fly."""
+    return {"position_rate": _POSITION_RATE} if load_plan(plan)[0].on_the_fly else {}
 
 
 def twin_cell(
@@ -162,6 +168,7 @@ def twin_cell(
         "cell": cell,
         "weather_begins": time.time_ns(),
     }
+    device = {"device": driver, "device_file": device_file, "machine": machine}
     return [
         NodeProcess("recorder", {"folder": folder}),
         NodeProcess("assembler"),
@@ -169,7 +176,7 @@ def twin_cell(
         NodeProcess("evaluator"),
         NodeProcess("diagnosis", {"model": model}),
         NodeProcess("weather", weather),
-        NodeProcess("bridge", {"device": driver, "device_file": device_file, "machine": machine}),
+        NodeProcess("bridge", {**device, **_moving(plan)}),
         # No reading is made without the position of its own time, however late messages are.
         NodeProcess(
             "interferometer",

@@ -23,6 +23,7 @@ class Standing:
 
     def __init__(self, clock):
         self.clock, self.component, self.position = clock, {}, (0.0, 0.0, 0.0)
+        self.cycles, self.samples = None, []
         self.look()
 
     def look(self):
@@ -214,6 +215,43 @@ class Component(dict):
 
     def ready(self):
         """Be ready."""
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    monkeypatch.setitem(sys.modules, "hal", ModuleType("hal"))
+    monkeypatch.syspath_prepend(Path(linuxcnc_agent.__file__).parent)
+    import stepdiag_cycles
+
+    yield stepdiag_cycles.CycleClock(1_000_000)
+    del sys.modules["stepdiag_cycles"]
+
+
+ZERO = 1_800_000_000_000_000_000
+"""ns, of the cycle with the number 0."""
+
+
+def watch(clock, numbers, zero=ZERO):
+    """Let a program see cycles up to 0.7 ms late, some of them by a further 40 ms."""
+    for number in numbers:
+        late = 700_000 * (number * 7 % 11) // 10 + (40_000_000 if number % 50 == 3 else 0)
+        clock.see(number, zero + number * clock.period + late)
+
+
+def test_cycles_have_their_times_however_late_they_are_seen(clock):
+    watch(clock, range(0, 3000, 2))
+    assert clock.time(2998) == ZERO + 2998 * clock.period
+    assert clock.time(100) - clock.time(99) == clock.period
+
+
+def test_a_clock_that_is_set_back_acts_at_once_and_one_set_forward_later(clock):
+    watch(clock, range(0, 3000, 2))
+    watch(clock, range(3000, 3100), ZERO - 5_000_000)
+    assert clock.time(3099) == ZERO - 5_000_000 + 3099 * clock.period
+    watch(clock, range(3100, 4000), ZERO + 8_000_000)
+    assert clock.time(3999) == ZERO - 5_000_000 + 3999 * clock.period
+    watch(clock, range(4000, 16000), ZERO + 8_000_000)
+    assert clock.time(15999) == ZERO + 8_000_000 + 15999 * clock.period
 
 
 @pytest.fixture

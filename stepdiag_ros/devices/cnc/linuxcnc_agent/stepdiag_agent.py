@@ -28,10 +28,11 @@ of CLOCK_REALTIME. The client asks, ``ask`` being a number of its own, and is an
 - ``{"op": "stop", "reason": "..."}``: brake now.
 - ``{"op": "alive"}``: not answered; the client's sign of life when it has nothing to ask.
 
-Events: ``sample`` (actual position and that of the motors) at the asked rate, and ``state`` (ready,
-moving, stopped, fault) with the reason at each change. A move has ended in position when ready
-follows on moving: LinuxCNC has then ended the command, and the *actual* position has been within
-the window of the target for the hold time.
+Events: ``sample`` (actual position and that of the motors) at the asked rate, of single servo
+cycles and with their time where HAL's sampler can be had (``stepdiag_cycles.py``), and ``state``
+(ready, moving, stopped, fault) with the reason at each change. A move has ended in position when
+ready follows on moving: LinuxCNC has then ended the command, and the *actual* position has been
+within the window of the target for the hold time.
 """
 
 from __future__ import annotations
@@ -422,14 +423,26 @@ class Agent:
             if (state, reason) != self._told:
                 self._told = (state, reason)
                 client.send(event="state", state=state, reason=reason, **told)
-            if time.monotonic() >= self._next_sample and controller.time > self._sampled:
-                self._sampled = controller.time
-                period = 1.0 / self._rate
-                self._next_sample = max(self._next_sample + period, time.monotonic() - period)
-                client.send(event="sample", motors=controller.motors(), **told)
+            self._send_positions(client, told)
         except OSError as error:
             deaf = error.errno == errno.ENOBUFS
             self._lose_client("the client does not read the messages sent to it" if deaf else GONE)
+
+    def _send_positions(self, client: Client, now: dict[str, Any]) -> None:
+        """Send the positions that are due: those of recorded cycles, else the present one."""
+        controller = self._controller
+        if controller.cycles is not None:
+            # Half a cycle less than asked for, so that it is every n-th one whatever its time.
+            apart = 1e9 / self._rate - 0.5 * controller.cycles.clock.period
+            for at, position, motors in controller.samples:
+                if at - self._sampled >= apart:
+                    self._sampled = at
+                    client.send(event="sample", time=at, position=position, motors=motors)
+        elif time.monotonic() >= self._next_sample and controller.time > self._sampled:
+            self._sampled = controller.time
+            period = 1.0 / self._rate
+            self._next_sample = max(self._next_sample + period, time.monotonic() - period)
+            client.send(event="sample", motors=controller.motors(), **now)
 
 
 def listen(path: str, mode: int) -> socket.socket:
@@ -471,6 +484,9 @@ def main() -> int:
     try:
         Agent(controller, listener).run(lambda: not ended)
     finally:
+        if controller.cycles is not None:
+            with contextlib.suppress(OSError):
+                controller.cycles.close()
         with contextlib.suppress(OSError):
             Path(path).unlink()
     return 0

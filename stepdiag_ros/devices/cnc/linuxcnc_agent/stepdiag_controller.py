@@ -10,10 +10,12 @@ from __future__ import annotations
 import contextlib
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import hal
 import linuxcnc
+from stepdiag_cycles import Cycles
 
 AXES = "XYZ"
 SLOW_PERIOD = 0.02
@@ -63,6 +65,9 @@ class Controller:
         self._motors: list[float] = []
         self._feedback = [f"joint.{joint}.pos-fb" for joint in self._joints()]
         self._processes = self._own_processes()
+        self.cycles = self._sampled()
+        # Time (ns), position and motors (m) of the cycles since the last look but one.
+        self.samples: list[tuple[int, list[float], list[float] | None]] = []
         file = self.setting("HALFILE", "")
         if file:
             command = ["halcmd", "-i", inifile, "-f", str(self._folder / file)]
@@ -103,6 +108,8 @@ class Controller:
             # and so are the motors, read together with it.
             x, y, z = (hal.get_value(pin) for pin in self._feedback)
         self._motors = [hal.get_value(pin) for pin in self._pins]
+        if self.cycles is not None:
+            self.samples = [self._sample(*one) for one in self.cycles.read(time.time_ns())]
         self.position = (x / self.per_metre, y / self.per_metre, z / self.per_metre)
         self.component["heartbeat"] = not self.component["heartbeat"]
         if time.monotonic() - self._slow_at > SLOW_PERIOD:
@@ -128,11 +135,29 @@ class Controller:
             # A channel that has not been polled shows a machine that is switched off.
             self.stat = stat
 
+    def _sampled(self) -> Cycles | None:
+        """Let HAL record every servo cycle; where it cannot, positions are read now and then."""
+        if not self._feedback:
+            return None
+        try:
+            return Cycles(self.component, [*self._feedback, *self._pins])
+        except OSError as error:
+            print(f"positions are not recorded in every servo cycle: {error}", flush=True)
+            return None
+
+    def _sample(
+        self, at: int, values: Sequence[float]
+    ) -> tuple[int, list[float], list[float] | None]:
+        position = [value / self.per_metre for value in values[:3]]
+        return at, position, self._from_motors(values[3:])
+
     def motors(self) -> list[float] | None:
         """Return the positions of the motors, before LinuxCNC's compensation, m."""
+        return self._from_motors(self._motors)
+
+    def _from_motors(self, values: Sequence[float]) -> list[float] | None:
         if not self._pins:
             return None
-        values = self._motors
         offsets = [hal.get_value(pin) for pin in self._offsets] or [0.0] * 3
         return [(values[axis] - offsets[axis]) / self.per_metre for axis in range(3)]
 
