@@ -420,10 +420,11 @@ class Agent:
         state, reason = self._state()
         told = {"time": controller.time, "position": controller.position}
         try:
+            # Positions are at most as late as the status.
+            self._send_positions(client, told)
             if (state, reason) != self._told:
                 self._told = (state, reason)
                 client.send(event="state", state=state, reason=reason, **told)
-            self._send_positions(client, told)
         except OSError as error:
             deaf = error.errno == errno.ENOBUFS
             self._lose_client("the client does not read the messages sent to it" if deaf else GONE)

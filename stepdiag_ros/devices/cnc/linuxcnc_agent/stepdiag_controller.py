@@ -20,6 +20,8 @@ from stepdiag_cycles import Cycles
 AXES = "XYZ"
 SLOW_PERIOD = 0.02
 """Seconds between two looks at what is dear to ask for: joints and processes."""
+STALL = 100_000_000
+"""ns without a servo cycle after which time goes on by the clock alone."""
 TASK_LIMIT = 30.0
 """Seconds within which LinuxCNC's task must be up."""
 EXPLAINED = (linuxcnc.NML_ERROR, linuxcnc.OPERATOR_ERROR)
@@ -100,8 +102,7 @@ class Controller:
         except linuxcnc.error as error:
             self._slow = f"LinuxCNC no longer reports its status ({error})"
             return
-        # Whoever sets the clock back does not make times fall.
-        self.time = max(time.time_ns(), self.time + 1)
+        now = time.time_ns()
         x, y, z = self.stat.actual_position[:3]
         if self._feedback:
             # The status comes from the task, which a busy computer delays; HAL is of this moment,
@@ -110,6 +111,10 @@ class Controller:
         self._motors = [hal.get_value(pin) for pin in self._pins]
         if self.cycles is not None:
             self.samples = [self._sample(*one) for one in self.cycles.read(time.time_ns())]
+            # The status is not of a later moment than cycles whose positions are still to come.
+            now = self.cycles.latest if now - self.cycles.latest < STALL else now
+        # Whoever sets the clock back does not make times fall.
+        self.time = max(now, self.time + 1)
         self.position = (x / self.per_metre, y / self.per_metre, z / self.per_metre)
         self.component["heartbeat"] = not self.component["heartbeat"]
         if time.monotonic() - self._slow_at > SLOW_PERIOD:

@@ -59,6 +59,10 @@ class Cycles:
         component: HAL component of this program.
         pins: to record, all of type float.
 
+    Attributes:
+        clock: the times of cycles.
+        latest: time of the last cycle that was read, ns; 0 before the first.
+
     Raises:
         OSError: HAL has no sampler for this program; the text says why.
     """
@@ -74,7 +78,7 @@ class Cycles:
             _halcmd("net", signal, pin, f"sampler.0.pin.{number}")
         _halcmd("addf", "sampler.0", THREAD)
         self._stream = hal.stream(component, hal.sampler_base, kinds)
-        self._last = 0
+        self.latest = 0
 
     def read(self, now: int) -> list[Sample]:
         """Return the cycles since the last call, in order; their times rise.
@@ -89,8 +93,8 @@ class Cycles:
             self.clock.see(found[-1][0], now)
         samples: list[Sample] = []
         for number, values in found:
-            self._last = max(self.clock.time(number), self._last + 1)
-            samples.append((self._last, values))
+            self.latest = max(self.clock.time(number), self.latest + 1)
+            samples.append((self.latest, values))
         return samples
 
     def close(self) -> None:
