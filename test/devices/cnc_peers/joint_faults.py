@@ -18,16 +18,20 @@ LAG = 0.01
 SETTLED = 0.5
 """s."""
 NAMED = {
-    "another goal": "preempted",
-    "controller": "deactivate",
-    "hardware": "'drives'",
-    "path tolerance": "path",
-    "goal tolerance": "goal_time_tolerance",
-    "joint states": "/gantry/joint_states",
-    "manager": "/gantry/controller_manager",
-    "gantry": "Y",
+    "another goal": ("preempted",),
+    "controller": ("deactivate", "'gantry_controller' is inactive"),
+    "hardware": ("'drives'",),
+    "path tolerance": ("path",),
+    "goal tolerance": ("goal_time_tolerance",),
+    "joint states": ("/gantry/joint_states",),
+    "manager": ("/gantry/controller_manager",),
+    "gantry": ("Y",),
 }
-"""Kind of a fault → what names it in the words with which the run is held."""
+"""Kind of a fault → what names it in the words with which the run is held.
+
+A deactivated controller is reported by the end of the goal, or by the manager if it is asked just
+then.
+"""
 SETTINGS = {
     "controller": "/gantry/gantry_controller",
     "controller_manager": "/gantry/controller_manager",
@@ -122,7 +126,7 @@ def check_holds(finished, faults):
     assert sorted(faults.begun) == sorted(NAMED)
     assert [state for state, _ in finished.held] == [State.FAULT] * len(NAMED), finished.held
     for (_, text), kind in zip(finished.held, faults.begun, strict=True):
-        assert NAMED[kind] in text, (kind, text)
+        assert any(name in text for name in NAMED[kind]), (kind, text)
 
 
 def check_moves(finished, peer):
