@@ -136,7 +136,7 @@ class ViewerNode(Onlooker):
         needed = {name for name, peer in self.watch.peers.items() if peer.role not in BYSTANDERS}
         known, silent = len(needed), len(needed & self.watch.lost.keys())
         if not known:
-            return f"no node found on ROS domain {self._domain}"
+            return f"no node found in {self.get_namespace()} on ROS domain {self._domain}"
         if silent:
             return f"{known - silent} of {known} nodes answer"
         return "1 node" if known == 1 else f"{known} nodes"
