@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import lapack, solve_triangular
 
 Matrix = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _RANK_LIMIT = 1e-11
-"""Eigenvalues of the scaled normal matrix below this share of the largest count as zero."""
+"""Pivots of the normal matrix below this share of its largest entry count as zero."""
 _AT_ONCE = 500_000
 """Products of entries that are made at a time."""
 
@@ -71,15 +71,42 @@ def normal_of_entries(columns: Integers, values: Matrix, weight: Matrix, count: 
 def inverse_of_rank(normal: Matrix, unweighted: Matrix) -> tuple[Matrix, Matrix]:
     """Invert on the determined directions; which these are does not depend on weights.
 
+    Cholesky with pivots finds what is not determined several times as fast as eigenvectors. With a
+    unit of weight put on that, the matrix is positive definite; its inverse less that unit is the
+    pseudo-inverse.
+
     Args:
         normal: to be inverted, shape (n, n).
         unweighted: the same for equal weights.
 
     Returns:
         the inverse, and orthonormal directions that are not determined, shape (n, r).
+
+    Raises:
+        ValueError: the two do not determine the same directions.
     """
-    values, vectors = np.linalg.eigh(unweighted)
-    none = values <= _RANK_LIMIT * values[-1]
-    seen = vectors[:, ~none]
-    inverse: Matrix = seen @ np.linalg.solve(seen.T @ normal @ seen, seen.T)
-    return inverse, vectors[:, none]
+    unseen = _null_directions(unweighted)
+    unit = float(np.trace(normal)) / len(normal)
+    nothing = unseen @ unseen.T
+    inverse = inverse_positive(normal + unit * nothing)
+    if inverse is None:
+        raise ValueError("the weighted matrix does not determine what the unweighted one does")
+    inverse -= nothing / unit
+    return inverse, unseen
+
+
+def _null_directions(matrix: Matrix) -> Matrix:
+    """Return orthonormal directions that a positive semidefinite matrix makes zero, (n, r)."""
+    limit = _RANK_LIMIT * float(np.max(np.diag(matrix)))
+    factor, pivots, rank, _ = lapack.dpstrf(matrix, tol=limit, lower=1)
+    if rank == len(matrix):
+        return np.zeros((rank, 0))
+    order = pivots - 1
+    null = np.zeros((len(matrix), len(matrix) - rank))
+    null[order[rank:]] = np.eye(len(matrix) - rank)
+    # With A = L Lᵀ in the order of the pivots, A x = 0 where x1 = -L11⁻ᵀ L21ᵀ x2.
+    null[order[:rank]] = -solve_triangular(
+        factor[:rank, :rank], factor[rank:, :rank].T, lower=True, trans="T", check_finite=False
+    )
+    directions: Matrix = np.linalg.qr(null)[0]
+    return directions
