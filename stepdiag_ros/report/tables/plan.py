@@ -175,6 +175,21 @@ def _repeats(candidate: PlanCandidate) -> int:
     return max(line.repeat for line in candidate.plan.lines) + 1
 
 
+def _room_sentences(assessment: Assessment) -> list[str]:
+    """Say how much room the plan takes: of the travel, and of the mirror."""
+    distance, axis = least_clearance(assessment.plan, assessment.machine)
+    sentences = [
+        "All stops and run-ups are within the machine's travel; the nearest end of it is"
+        f" {distance * IN_MILLI:.3g} mm away ({axis})."
+    ]
+    if width := mirror_width(assessment.plan):
+        sentences.append(
+            f"The step diagonals move the mirror sideways by {width * IN_MILLI:.1f} mm: it must be"
+            " at least that much wider than the beam."
+        )
+    return sentences
+
+
 def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> list[str]:
     """Return what comes first: how long, how many, how well, and why this plan."""
     duration = assessment.duration
@@ -198,16 +213,7 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
         f"settles at once; standard uncertainty of a stop "
         f"{assessment.stop_uncertainty * IN_MICRO:g} µm."
     )
-    distance, axis = least_clearance(assessment.plan, assessment.machine)
-    sentences.append(
-        "All stops and run-ups are within the machine's travel; the nearest end of it is"
-        f" {distance * IN_MILLI:.3g} mm away ({axis})."
-    )
-    if width := mirror_width(assessment.plan):
-        sentences.append(
-            f"The step diagonals move the mirror sideways by {width * IN_MILLI:.1f} mm: it must be"
-            " at least that much wider than the beam."
-        )
+    sentences += _room_sentences(assessment)
     sentences += [
         f"{one.axis} has no linear line: U of its positioning {one.curve} is"
         f" {size_words(COVERAGE_FACTOR * one.uncertainty, 'm')}. With a line along {one.axis},"

@@ -120,7 +120,7 @@ def _period() -> int:
 
 
 def _signal(pin: str) -> str:
-    """Return the signal that a pin is linked with; empty if there is none.
+    """Return the signal that a pin is linked with; empty if it is free.
 
     Raises:
         OSError: there is no such pin.
