@@ -6,7 +6,7 @@ candidate with more sizes, or one of many of its kind, would more often fit by l
 every effect of the catalogue is as likely as any other, and so is each of its settings).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from stepdiag_ros.metrology.discrepancy.candidates import Signatures, alike
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, coverage_factor
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Finding, RunnerUp
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker, Ranking
+from stepdiag_ros.metrology.discrepancy.siblings import not_separated
 from stepdiag_ros.metrology.discrepancy.sizes import Sizes
 from stepdiag_ros.metrology.geometry import Vector
 
@@ -29,6 +30,7 @@ _TIED = 1e-6
 """Difference of evidence that counts as none: rounding must not choose between look-alikes."""
 _AS_WELL = 0.05
 """Difference of χ² that is not worth a word."""
+_TOGETHER = "but this run does not show whether it acts as well"
 _ROUNDS = 3
 _RUNNERS_UP = 6
 _MANY_KINDS = 9
@@ -263,7 +265,8 @@ class Selection:
         )
         values = {name: (value, u) for name, value, u in told}
         same = self._same(index)
-        rivals = self._runners_up(index, ranking, names, odds, same)
+        beside = not_separated(self._ranker, self.chosen, index, self._luck.freedom, EVIDENCE_RATIO)
+        rivals = self._with_siblings(self._runners_up(index, ranking, names, odds, same), beside)
         made = Finding(
             candidate=candidate,
             sizes={name: value for name, (value, _) in values.items()},
@@ -328,6 +331,18 @@ class Selection:
                 )
             )
         return tuple(made)
+
+    def _with_siblings(
+        self, rivals: tuple[RunnerUp, ...], beside: Sequence[int]
+    ) -> tuple[RunnerUp, ...]:
+        """Return the rivals with those not ruled out that may act together with the named one."""
+        labels = {self._found.candidates[other].label for other in beside}
+        return tuple(
+            replace(one, ambiguous=True, why=f"{one.why}; {_TOGETHER}")
+            if one.label in labels and not one.ambiguous
+            else one
+            for one in rivals
+        )
 
     def _why(
         self, index: int, other: int, ranking: Ranking, best: float, rival: float, same: bool
