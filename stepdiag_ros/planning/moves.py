@@ -7,6 +7,8 @@ from stepdiag_ros.metrology.geometry import AXES, LINEAR_LINES, Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import DIAGONAL, Line, Plan
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.units import IN_MILLI
+from stepdiag_ros.planning.mirror import mirror_width
 from stepdiag_ros.planning.nc_writing import Dialect, Move, nc_program
 from stepdiag_ros.run.feasibility import beyond_machine
 
@@ -81,7 +83,7 @@ def moves_of(plan: Plan) -> list[Move]:
         if one.new_setup:
             clear = f"Clear the way to the first stop of pass {number} for tool, mirror and cable"
             moves.append(Move(one.targets[0], 0.0, program_stop=clear))
-            align = f"Align laser and mirror for {one.setup}, {beam_words(one.line)}"
+            align = _alignment_words(one, first_stop)
         for index, target in enumerate(one.targets):
             moves.append(
                 Move(
@@ -118,15 +120,36 @@ def program_of(plan: Plan, machine: Machine, dialect: Dialect | None = None) -> 
             f"Machine: {machine.name}",
             f"{len(plan.lines)} passes, {plan.stop_count} stops; the laser is read during each "
             "dwell, M0 before each new alignment",
+            *_mirror_words(plan),
         ),
         dialect=dialect,
     )
 
 
+def _mirror_words(plan: Plan) -> list[str]:
+    """Say how wide the mirror must be; nothing where no line moves it sideways."""
+    width = mirror_width(plan)
+    wider = f"The mirror must be at least {width * IN_MILLI:.1f} mm wider than the beam"
+    return [wider] if width else []
+
+
 def describe(line: Line) -> str:
     """Say which pass a line is and where, for example ``x @0,0.1,0 forward, repeat 1``."""
     place = line.setup.partition("@")[2]
-    return f"{line}" + (f", shifted by {place} m" if place else "")
+    if not place:
+        return str(line)
+    shift = ", ".join(f"{float(value) * IN_MILLI:g}" for value in place.split(","))
+    return f"{line}, shifted by {shift} mm"
+
+
+def _alignment_words(one: DrivenLine, first_stop: int) -> str:
+    """Say what is aligned, along which axes, and through which place of the machine."""
+    place = " ".join(
+        f"{axis} {value * IN_MILLI:g}"
+        for axis, value in zip(AXES, one.targets[first_stop], strict=True)
+    )
+    name = one.setup.partition("@")[0].strip()
+    return f"Align laser and mirror for {name}, {beam_words(one.line)} from {place} mm"
 
 
 def beam_words(line: Line) -> str:

@@ -313,10 +313,19 @@ def _in_time(
         raise Refusal(
             f"no plan for {request.purpose} takes less than {hours(request.time_limit)}; the "
             f"quickest, {quickest.words}, takes {hours(quickest.duration.total)}{told} with "
-            f"an expected uncertainty of {size_words(quickest.uncertainty, purpose.unit)}",
+            f"an expected uncertainty of {size_words(quickest.uncertainty, purpose.unit)}"
+            f"{_what_takes_time(request)}",
             fault="not_found",
         )
     return in_time
+
+
+def _what_takes_time(request: Request) -> str:
+    """Name the wishes that can be given up to save time."""
+    wishes = {"repeats": request.repeats, "blocks": request.blocks, "feed": request.feed}
+    asked = [f"--{name}" for name, value in wishes.items() if value is not None]
+    asked += ["--align-linear", "--align-diagonal"] if request.pauses else []
+    return f"; what may be shortened: {', '.join(asked)}" if asked else ""
 
 
 def wish_words(request: Request, purpose: PlanPurpose) -> str:

@@ -93,7 +93,7 @@ def coverage_sentences(lead: RunLead) -> list[str]:
 
     A run with a tracker states that in its own words.
     """
-    if not lead.solved or lead.tracked or not (lead.errors or lead.volume):
+    if lead.tracked or not _has_values(lead):
         return []
     return [
         f"± (95 %): of the readings, of pitch, yaw and roll, and of {laser_scale(ORDINARY)}. Other"
@@ -175,7 +175,7 @@ def _target(standing: TargetStanding) -> str:
 def _verdict(lead: RunLead) -> str:
     """Return the verdict of the diagnosis, and what that means for errors that were solved."""
     verdict = lead.verdict
-    meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if lead.solved else ""
+    meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if _has_values(lead) else ""
     if _is_left_out(lead):
         meaning = ""
     if verdict.name == CONSISTENT and not lead.repeated:
@@ -255,8 +255,13 @@ def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
     )
 
 
+def _has_values(lead: RunLead) -> bool:
+    """Say whether any error is known that a sentence can be about."""
+    return bool(lead.solved) and bool(lead.errors or lead.volume)
+
+
 def _taken_as_zero(lead: RunLead) -> list[str]:
-    if not lead.as_zero:
+    if not lead.as_zero or not _has_values(lead):
         return []
     missing = [name for name in lead.as_zero if name not in lead.told_elsewhere]
     words = "the measured lines do not determine them"

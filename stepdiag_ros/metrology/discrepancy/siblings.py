@@ -2,8 +2,8 @@
 
 A worn machine has backlash on every axis. On few lines, the backlash of one axis alone may close a
 gap to which all three contribute: the fewest names then are a wrong name, and its size is wrong by
-far more than its uncertainty. So each name of one axis has rivals that are no candidates of their
-own: the effect on several axes with the same sizes. And where the effect is fitted on all axes
+far more than its uncertainty. So each name of one axis has rivals beyond the candidates:
+the effect on several axes with the same sizes. And where the effect is fitted on all axes
 together, those that were not named must show nothing.
 """
 

@@ -309,7 +309,8 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
             )
             reached = f"{after} µm"
             if change.after < expanded:
-                reached = f"within its uncertainty of {within} µm"
+                least = "at least " if judged.lower_bound else ""
+                reached = f"within its uncertainty of {least}{within} µm"
             said.append(
                 f"compensation could bring the largest error in the volume, with reversal, from"
                 f" {before} µm to {reached}. Measure again after it."

@@ -39,7 +39,7 @@ DECISIONS = {
 DECISION_RULE = (
     "ISO 14253-1: conforms if value + U is within the limit, does not if value - U is beyond it"
 )
-TITLE_OF_ERRORS = "Errors over the travel, peak to peak (ISO 230-1), U: 95 %"
+TITLE_OF_ERRORS = "Errors over the travel, peak to peak (ISO 230-1)"
 _SIGNED_BY = ("Measured by", "Checked by", "Accepted for the customer by")
 
 
@@ -78,7 +78,7 @@ def summary_chapter(
 def _errors(material: Material) -> Table:
     """Return all single errors, those that are not determined as unknown."""
     table = new_table(
-        TITLE_OF_ERRORS,
+        f"{TITLE_OF_ERRORS}, U (95 %){': a lower bound' if material.lower_bound else ''}",
         "error",
         "",
         "value ± U / µm",

@@ -421,7 +421,7 @@ def test_the_summary_takes_two_pages_and_its_contents_name_the_page_of_each_anne
 
 
 def test_the_summary_has_every_single_error_the_decision_and_who_signs(page, document, solved):
-    rows = page.tables["Errors over the travel, peak to peak (ISO 230-1), U: 95 %"]
+    rows = page.tables["Errors over the travel, peak to peak (ISO 230-1), U (95 %)"]
     assert [row[0] for row in rows[1:]] == [
         one["name"] for one in document["summary"]["single_errors"]
     ]
