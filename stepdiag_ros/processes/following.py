@@ -189,7 +189,7 @@ class FollowedRun:
             elif present:
                 raise RunFailed("the sequencer was restarted and has lost the run")
             elif operator.real_time() - heard > GONE_LIMIT:
-                raise RunFailed("the sequencer is gone")
+                raise RunFailed(_gone(operator.state))
             if self._on_plan is not None and operator.plan:
                 self._on_plan(operator.plan)
                 self._on_plan = None
@@ -254,6 +254,16 @@ def _measured(result: Any, state: Any, verdict: Any) -> RunOutcome:
         expanded_uncertainty=verdict.expanded_uncertainty,
         largest_at=tuple(verdict.worst_place),
         not_determined=tuple(verdict.not_determined),
+    )
+
+
+def _gone(state: Any) -> str:
+    """Say what is known of a run whose sequencer is silent, by its last RunState."""
+    if state is not None and State(state.state) in ENDED:
+        return f"the run has ended ({state.text}), and its sequencer before the results were whole"
+    return (
+        "the sequencer is gone, and what the machine does is not known: look at the machine, and at"
+        " the terminal of the cell"
     )
 
 

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -29,6 +29,10 @@ _LOAD_ADVICE = (
     "Everything is simulated here: if the cell file does not ask for such a fault, this computer"
     " was too busy."
 )
+_ABORT_LIMIT = 10.0
+"""Real seconds within which a run must have ended that is aborted."""
+_LAST_RESULTS = 5.0
+"""Real seconds that are left to the nodes for the results of a run that was aborted."""
 LOOK_PERIOD = 0.5
 """Real seconds between two looks at nodes that start."""
 
@@ -97,10 +101,29 @@ class MeasuringSession:
             try:
                 self._look_on(operator, processes, self._faults(operator) if missing else {})
             except KeyboardInterrupt as error:
-                state = operator.last_state
-                if state is None or State(state.state) in (State.IDLE, *ENDED):
+                if not _is_measuring(operator.last_state):
                     raise
-                raise type(error)(self._recorded(state)) from None
+                raise type(error)(self._recorded(operator.last_state)) from None
+            except RunFailed as error:
+                if not _is_measuring(operator.last_state):
+                    raise
+                self._tell(RunNews(str(error)))
+                self._abort(operator)
+                raise RunFailed(
+                    "a node has ended, and the run with it: start the cell and the run again. If"
+                    " the bag is cut off, 'stepdiag recover' saves what was measured",
+                    fault="stopped",
+                ) from None
+
+    def _abort(self, operator: "OperatorNode") -> None:
+        """End the run before its nodes end, so that whoever has started it hears of that."""
+        if not operator.sequencer:
+            return
+        self._tell(RunNews("the run is aborted"))
+        with suppress(ValueError):
+            operator.call("sequencer/abort")
+        operator.spin_until(lambda: not _is_measuring(operator.last_state), _ABORT_LIMIT)
+        operator.spin_until(lambda: False, _LAST_RESULTS)
 
     def _faults(self, operator: "OperatorNode") -> dict[str, str]:
         """Return name → what is wrong with it, of the nodes that say so."""
@@ -268,6 +291,11 @@ class MeasuringSession:
         if not bag.exists():
             return "no bag was begun: start the run again"
         return f"{state.line_index} of {state.line_count} passes are in {bag}"
+
+
+def _is_measuring(state: Any) -> bool:
+    """Say whether a run has begun and has not ended, by its last RunState."""
+    return state is not None and State(state.state) not in (State.IDLE, *ENDED)
 
 
 def _go_on(state: State, text: str) -> bool:

@@ -11,6 +11,9 @@ from pathlib import Path
 import pytest
 from patience import PATIENCE
 
+from stepdiag_ros.bags.run import load_run
+from stepdiag_ros.run.sequence import State
+
 pytestmark = pytest.mark.usefixtures("room")
 CLI = (sys.executable, "-m", "stepdiag_ros.cli")
 
@@ -119,3 +122,29 @@ def test_the_nodes_of_a_machine_wait_for_a_run_and_end_together(tmp_path):
     finally:
         ended(cell, nodes, signal.SIGTERM, -signal.SIGTERM)
     assert [path.parent.name for path in tmp_path.rglob("*.mcap")] == ["bags"]
+
+
+def test_a_node_that_is_killed_ends_the_run_for_all_who_follow_it(tmp_path):
+    cell = started("--plan", "quick", "--factor", "5", "-o", tmp_path, "--namespace", "/cell_1")
+    try:
+        assert any("nodes are up" in line for line in cell.stderr), "the cell has ended"
+        nodes = children_of(cell.pid)
+        measuring = subprocess.Popen(
+            [*CLI, "measure", "--namespace", "/cell_1"], stderr=subprocess.PIPE, text=True
+        )
+        assert any("stops are measured" in line for line in measuring.stderr), "no run"
+        (victim,) = (
+            node
+            for node in nodes
+            if Path(f"/proc/{node}/fd/1").readlink().name == "interferometer.log"
+        )
+        os.kill(int(victim), signal.SIGKILL)
+        measuring.communicate(timeout=PATIENCE)
+        assert measuring.returncode == 1
+    finally:
+        _, said = cell.communicate(timeout=PATIENCE)
+    assert cell.returncode == 1 and "SIGKILL" in said
+    assert not any(map(is_running, nodes))
+    # What everybody heard last of the run is that it has ended.
+    (bag,) = tmp_path.glob("*.mcap")
+    assert State(load_run(bag).states[-1].state) is State.ABORTED
