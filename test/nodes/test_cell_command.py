@@ -39,6 +39,11 @@ def ended(cell, nodes, number=signal.SIGINT, code=130):
     cell.send_signal(number)
     _, said = cell.communicate(timeout=PATIENCE)
     assert cell.returncode == code, said
+    leave(nodes)
+
+
+def leave(nodes):
+    """See that no node stays behind."""
     deadline = time.monotonic() + PATIENCE
     while any(map(is_running, nodes)):
         assert time.monotonic() < deadline, "the cell has left nodes behind"
@@ -145,7 +150,7 @@ def test_a_node_that_is_killed_ends_the_run_for_all_who_follow_it(tmp_path):
     finally:
         _, said = cell.communicate(timeout=PATIENCE)
     assert cell.returncode == 1 and "SIGKILL" in said
-    assert not any(map(is_running, nodes))
+    leave(nodes)
     # What everybody heard last of the run is that it has ended.
     (bag,) = tmp_path.glob("*.mcap")
     assert State(load_run(bag).states[-1].state) is State.ABORTED
