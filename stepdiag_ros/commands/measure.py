@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import progress_bar, say, warn_of_undetermined
-from stepdiag_ros.commands.until import TargetTeller, add_until, until_of
+from stepdiag_ros.commands.until import RunTeller, add_until, until_of
 
 if TYPE_CHECKING:
-    from stepdiag_ros.commands.output import Progress
     from stepdiag_ros.evaluation.lead import RunLead
-    from stepdiag_ros.processes.following import RunNews, RunOutcome
+    from stepdiag_ros.processes.following import RunOutcome
     from stepdiag_ros.run.sequence import State
 
 
@@ -38,7 +37,7 @@ def run(arguments: Namespace) -> int:
         plan, text = configuration.load_plan(arguments.plan)
         warn_of_undetermined(plan)
     with progress_bar("") as progress:
-        tell = _Teller(progress)
+        tell = RunTeller(progress, say)
         # What was given is warned of already.
         on_plan = None if text else _warn_beside
         joined = JoinedRun(arguments.namespace, tell, _Attendant(arguments.namespace), on_plan)
@@ -63,23 +62,6 @@ def _warn_beside(text: str) -> None:
 
     plan = plan_from_text(text, "the plan of the run")
     Thread(target=warn_of_undetermined, args=(plan,), daemon=True).start()
-
-
-class _Teller:
-    """Shows the progress of a run: a bar on a terminal, in a pipe or file a line a pass."""
-
-    def __init__(self, progress: "Progress") -> None:
-        self._progress = progress
-        self._tell_of_target = TargetTeller(say)
-        self._said = ""
-
-    def __call__(self, told: "RunNews") -> None:
-        """Show what is new."""
-        self._tell_of_target(told.target)
-        self._progress(told.done / told.total if told.total else 0.0, told.text)
-        if told.total and told.text != self._said and not sys.stderr.isatty():
-            self._said = told.text
-            say(f"{told.text}: {told.done} of {told.total} stops are measured")
 
 
 class _Attendant:

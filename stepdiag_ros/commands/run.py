@@ -15,7 +15,7 @@ from stepdiag_ros.commands.output import (
     warn,
     warn_of_undetermined,
 )
-from stepdiag_ros.commands.until import TargetTeller, add_until, until_of
+from stepdiag_ros.commands.until import RunTeller, add_until, until_of
 from stepdiag_ros.parameters.devices import HIGHEST_SAMPLE_RATE
 
 if TYPE_CHECKING:
@@ -91,11 +91,10 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_target(until, arguments)
     nodes, folder = cell_nodes(arguments)
     with progress_bar("") as progress:
-        tell_of_target = TargetTeller(say)
+        show = RunTeller(progress, say)
 
         def tell(told: "RunNews") -> None:
-            tell_of_target(told.target)
-            progress(told.done / told.total if told.total else 0.0, told.text)
+            show(told)
             if told.total and told.done == told.total:
                 # While the recorder closes the bag: what is to be solved and drawn next.
                 solve.prepare()

@@ -1,12 +1,15 @@
-"""The options ``--until`` and ``--conditions``: when a run ends before its last line."""
+"""The options ``--until`` and ``--conditions``, and how far a run is that has them or not."""
 
+import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from stepdiag_ros.commands.output import Progress
     from stepdiag_ros.metrology.target import TargetStanding
+    from stepdiag_ros.processes.following import RunNews
 
 
 def add_until(parser: ArgumentParser) -> None:
@@ -73,3 +76,26 @@ class TargetTeller:
         if words and words != self._said:
             self._said = words
             self._say(words)
+
+
+class RunTeller:
+    """Shows the progress of a run: a bar on a terminal, in a pipe or file a line a pass.
+
+    Args:
+        progress: of the bar.
+        say: writes a line.
+    """
+
+    def __init__(self, progress: "Progress", say: Callable[[str], None]) -> None:
+        self._progress = progress
+        self._say = say
+        self._tell_of_target = TargetTeller(say)
+        self._said = ""
+
+    def __call__(self, told: "RunNews") -> None:
+        """Show what is new."""
+        self._tell_of_target(told.target)
+        self._progress(told.done / told.total if told.total else 0.0, told.text)
+        if told.total and told.text != self._said and not sys.stderr.isatty():
+            self._said = told.text
+            self._say(f"{told.text}: {told.done} of {told.total} stops are measured")

@@ -15,8 +15,9 @@ from refused import refused
 
 from stepdiag_ros.cli import make_parser
 from stepdiag_ros.commands import cell, measure
-from stepdiag_ros.commands.measure import _Attendant, _Teller
+from stepdiag_ros.commands.measure import _Attendant
 from stepdiag_ros.commands.output import progress_bar
+from stepdiag_ros.commands.until import RunTeller
 from stepdiag_ros.metrology.target import TargetStanding, TargetState
 from stepdiag_ros.processes.following import RunFailed, RunNews, RunOutcome, _told
 from stepdiag_ros.run.conclusion import Outcome
@@ -74,11 +75,12 @@ def test_without_a_terminal_a_fault_ends_the_run_and_a_setup_waits(monkeypatch, 
             attendant(State.FAULT, "the beam is lost")
 
 
-def test_without_a_terminal_each_pass_is_told_once(capsys):
-    tell, shown = _Teller(lambda *_: shown.append(_)), []
+def test_without_a_terminal_each_pass_is_told_once():
+    shown, said = [], []
+    tell = RunTeller(lambda *_: shown.append(_), said.append)
     for done, line in enumerate(("x forward", "x forward", "x backward")):
         tell(RunNews(line, done, 3))
-    first, second = capsys.readouterr().err.splitlines()
+    first, second = said
     assert "x forward" in first and "x backward" in second and "2" in second and len(shown) == 3
 
 
