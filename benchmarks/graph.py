@@ -16,11 +16,12 @@ import sys
 import tempfile
 import time
 from bisect import bisect_left
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
 import yaml
-from shared import gaps, machine_seconds, node_processes, processor_seconds
+from shared import gaps, machine_seconds, memory_mb, node_processes, processor_seconds
 
 from stepdiag_ros import configuration, topics
 from stepdiag_ros.bags.reader import BagReader
@@ -44,11 +45,15 @@ class Meter:
 
     def __init__(self) -> None:
         self._samples: list[tuple[float, float, dict[str, float]]] = []
+        self._memory: defaultdict[str, list[float]] = defaultdict(list)
 
     def __call__(self, told: RunNews) -> None:
         """Sample, once stops are measured."""
         if told.done:
-            used = {name: processor_seconds(pid) for name, pid in node_processes().items()}
+            nodes = node_processes()
+            used = {name: processor_seconds(pid) for name, pid in nodes.items()}
+            for name, pid in nodes.items():
+                self._memory[name].append(memory_mb(pid))
             used["operator (this process)"] = processor_seconds()
             self._samples.append((time.monotonic(), machine_seconds(), used))
 
@@ -67,6 +72,10 @@ class Meter:
             "cores": round(total, 3),
             "cores_by_node": {name: round(cores[name], 3) for name in sorted(cores)},
             "cores_of_everything_else": round(machine - total, 3),
+            "memory_mb_at_a_third_and_at_the_end": {
+                name: [round(seen[len(seen) // 3], 1), round(seen[-1], 1)]
+                for name, seen in sorted(self._memory.items())
+            },
         }
 
 

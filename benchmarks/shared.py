@@ -68,6 +68,12 @@ def processor_seconds(process: int | str = "self") -> float:
     return (int(fields[11]) + int(fields[12])) / TICKS_PER_SECOND
 
 
+def memory_mb(process: int | str) -> float:
+    """Return what a process has in memory, MB."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") * 1e-6
+
+
 def machine_seconds() -> float:
     """Return the processor time that the whole machine has used so far on all its cores, s.
 
