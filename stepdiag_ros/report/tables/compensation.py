@@ -61,7 +61,9 @@ def print_compensation(report: CompensationReport, console: PlainConsole) -> Non
 
 def change_table(title: str, changes: Sequence[BeforeAndAfter]) -> Table:
     """Return figures before and after, and of each whether the control has a table for it."""
-    table = new_table(title, "", "before", "after", "times smaller", "corrected by a table")
+    table = new_table(
+        title, "", "before", "after, computed", "times smaller", "corrected by a table"
+    )
     for one in changes:
         told = "yes" if one.corrected else "no"
         before, after = size_words(one.before, one.unit), size_words(one.after, one.unit)
