@@ -131,8 +131,12 @@ def test_the_command_prints_and_lists(capsys):
     assert "RunVerdict" in messages
     with refused(SystemExit, code=2):
         main(["schema", "nonsense"])
+    # Fifty names are no answer; the command without a name lists them.
     error = capsys.readouterr().err
-    assert "'nonsense'" in error and "diagnosis" in error and "RunVerdict" in error
+    assert "'nonsense'" in error and "stepdiag schema" in error and "RunVerdict" not in error
+    with refused(SystemExit, code=2):
+        main(["schema", "diagnosi"])
+    assert "diagnosis" in capsys.readouterr().err
 
 
 def test_the_readme_names_the_command():
