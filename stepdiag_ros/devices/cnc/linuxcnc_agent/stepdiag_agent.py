@@ -486,8 +486,7 @@ def main() -> int:
         Agent(controller, listener).run(lambda: not ended)
     finally:
         if controller.cycles is not None:
-            with contextlib.suppress(OSError):
-                controller.cycles.close()
+            controller.cycles.close()
         with contextlib.suppress(OSError):
             Path(path).unlink()
     return 0

@@ -7,7 +7,9 @@ pins within the cycle, in real time, and numbers what it records; a line on the 
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
+import time
 from collections import deque
 from collections.abc import Sequence
 
@@ -71,26 +73,26 @@ class Cycles:
         if hal.component_exists("sampler"):
             raise OSError("another program uses HAL's sampler")
         self.clock = CycleClock(_period())
+        self.latest = 0
         kinds = "f" * len(pins)
         _halcmd("loadrt", "sampler", f"depth={DEPTH}", f"cfg={kinds}")
-        for number, pin in enumerate(pins):
-            signal = _signal(pin) or f"stepdiag-sampled-{number}"
-            _halcmd("net", signal, pin, f"sampler.0.pin.{number}")
-        _halcmd("addf", "sampler.0", THREAD)
-        self._stream = hal.stream(component, hal.sampler_base, kinds)
-        self.latest = 0
+        try:
+            for number, pin in enumerate(pins):
+                signal = _signal(pin) or f"stepdiag-sampled-{number}"
+                _halcmd("net", signal, pin, f"sampler.0.pin.{number}")
+            _halcmd("addf", "sampler.0", THREAD)
+            self._stream = hal.stream(component, hal.sampler_base, kinds)
+        except (OSError, RuntimeError) as error:
+            self.close()
+            raise OSError(str(error)) from error
 
-    def read(self, now: int) -> list[Sample]:
-        """Return the cycles since the last call, in order; their times rise.
-
-        Args:
-            now: time, ns.
-        """
+    def read(self) -> list[Sample]:
+        """Return the cycles since the last call, in order; their times rise."""
         found = []
         while (values := self._stream.read()) is not None:
             found.append((int(self._stream.sampleno), values))
         if found:
-            self.clock.see(found[-1][0], now)
+            self.clock.see(found[-1][0], time.time_ns())
         samples: list[Sample] = []
         for number, values in found:
             self.latest = max(self.clock.time(number), self.latest + 1)
@@ -99,8 +101,9 @@ class Cycles:
 
     def close(self) -> None:
         """Give the sampler back."""
-        _halcmd("delf", "sampler.0", THREAD)
-        _halcmd("unloadrt", "sampler")
+        for words in (("delf", "sampler.0", THREAD), ("unloadrt", "sampler")):
+            with contextlib.suppress(OSError):
+                _halcmd(*words)
 
 
 def _halcmd(*words: str) -> str:
