@@ -9,6 +9,7 @@ from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTes
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.numbers import UNKNOWN, plain, with_uncertainty
 
+_LEADING = ("A", "R", "E", "M", "B")
 _DIGITS = 4
 """Significant digits of the largest parameter where no uncertainty says how many there are."""
 
@@ -43,6 +44,55 @@ def cell_below(value: float, uncertainty: float, decimals: int, head: str) -> st
     if UNKNOWN in head:
         return plain(value * IN_MICRO, decimals)
     return written(value, uncertainty, decimals)
+
+
+def size_words(value: float, uncertainty: float, decimals: int) -> str:
+    """Write a value with its expanded uncertainty (both m) and the unit, as it stands alone."""
+    if math.isfinite(value) and not math.isfinite(uncertainty):
+        return f"{plain(value * IN_MICRO, decimals)} µm (U {UNKNOWN})"
+    return f"{written(value, uncertainty, decimals)} µm"
+
+
+def leading_parameters(test: PositioningTest) -> tuple[str, ...]:
+    """Return the parameters that stand for a test: A, R, E, M, B, or what is known without them."""
+    bidirectional = tuple(name for name in _LEADING if math.isfinite(test.parameters[name]))
+    known = tuple(name for name in PARAMETERS if math.isfinite(test.parameters[name]))
+    return bidirectional or known
+
+
+def leading_sentences(report: PositioningReport) -> list[str]:
+    """Return the parameters of every test with U, and why a U is unknown, in sentences."""
+    decimals = decimals_of(report.tests)
+    said, known = [], []
+    for test in report.tests:
+        names = leading_parameters(test)
+        with_u = [name for name in names if math.isfinite(test.expanded_uncertainty[name])]
+        known += with_u
+        figures = ", ".join(
+            f"{name} = {written(test.parameters[name], test.expanded_uncertainty[name], decimals)}"
+            " µm"
+            if with_u
+            else f"{name} = {plain(test.parameters[name] * IN_MICRO, decimals)} µm"
+            for name in names
+        )
+        forward, backward = test.runs
+        said.append(
+            f"{test.standard}, {subject_of(test)}, {forward} runs forward and {backward} backward:"
+            f" {figures}{'' if with_u else f' (U {UNKNOWN})'}."
+        )
+    if known:
+        said.append("U: expanded uncertainty, k = 2, of the conditions that --uncertainty states.")
+    if report.unknown:
+        which = "A U is unknown where it needs" if known else "U is unknown, because it needs"
+        said.append(
+            f"{which} what is not stated: {', '.join(report.unknown)} (--uncertainty FILE)."
+        )
+    return said
+
+
+def uneven_reason(lines: Sequence[str]) -> str:
+    """Return why lines with unevenly spaced targets have no error curves, in a sentence."""
+    return f"The targets of {', '.join(lines)} are not evenly spaced."
 
 
 def subject_of(test: PositioningTest) -> str:

@@ -20,6 +20,10 @@ _STOPS_SHOWN = 3
 _LATE_NS = 1_000_000_000
 """Readings are looked for so long before and after the stops that are shown."""
 NO_REPEATS = "No line was measured twice in one direction: how far readings repeat is unknown."
+_ELSEWHERE = (
+    "The scatter about repeated passes needs stops at the nodes of the measured box. The section on"
+    " ISO 230-2 states how far the readings repeat: R, and s at every target."
+)
 
 
 def _table(material: Material) -> Table:
@@ -117,7 +121,7 @@ def _tell(material: Material) -> SectionContent | str:
         {
             "taken": _table(material),
             "repeats": repeated,
-            "no_repeats": [] if repeated else [NO_REPEATS],
+            "no_repeats": [] if repeated else [_ELSEWHERE if material.repeated else NO_REPEATS],
         },
         drawings,
     )
