@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.bags.run import RecordedRun
-from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.plan import DIAGONAL, STEP_DIAGONAL, Volume
-from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.text.extent import extent_words
 
 NO_CHAIN = (
     "the kinematic chain is not stated: U takes the mean of what rotations do in all six chains, so"
@@ -61,11 +61,7 @@ def what_was_made(run: RecordedRun) -> list[str]:
         run: that was imported.
     """
     volume = run.plan.volume
-    sides = ", ".join(
-        f"{letter} {nodes[0] * IN_MILLI:.6g} to {nodes[-1] * IN_MILLI:.6g}"
-        for letter, nodes in zip(AXES, volume.all_nodes, strict=True)
-    )
-    said = [f"measured box in mm: {sides}"]
+    said = [f"measured box: {extent_words(run.plan)}"]
     # A tracker reads lengths from its own place, which the evaluation has to locate first.
     farthest = farthest_reading(run.lines, volume) if run.plan.tracker is None else None
     if farthest is not None:

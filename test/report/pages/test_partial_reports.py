@@ -40,7 +40,7 @@ from stepdiag_ros.report.pages.lead import (
 )
 from stepdiag_ros.report.pages.page import chapter, page
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio, draw, studio
-from stepdiag_ros.report.pages.summary import DECISIONS, _decision
+from stepdiag_ros.report.pages.summary import DECISIONS, TITLE_OF_ERRORS, _decision
 from stepdiag_ros.text.table import Column, Table
 
 HEAD = """\
@@ -115,6 +115,11 @@ def test_one_axis_has_its_test_and_nothing_else_is_claimed(parts):
     assert document["sections"]["readings"]["repeats"]["standard_deviation_of_a_reading"] is None
     assert document["sections"]["table_one"] is None
     assert document["sections"]["compensation"] is None
+    assert told.facts()["Measured box"] == "X 0 to 90 mm, at Y 0, Z 0 mm"
+    assert not told.facts()["A stop"].startswith("unknown")
+    travels = {row[0]: row[-1] for row in told.tables[TITLE_OF_ERRORS][1:]}
+    assert {name for name, text in travels.items() if text == "90"} == {"E_XX", "E_YX", "E_ZX"}
+    assert {text for text in travels.values() if text != "90"} == {"not moved"}
     assert told.headings[0] in (
         "This run tells only a part of the machine's errors",
         "This run does not tell the machine's errors",
@@ -388,6 +393,9 @@ def test_a_test_of_an_axis_at_uneven_targets_is_still_reported(tmp_path):
     assert "NOT DIAGNOSED" not in " ".join(said) and "not a node" not in told.text
     assert "how far readings repeat is unknown" not in told.text
     assert document["sections"]["curves"]["lead"]["verdict"]["name"] == "NOT DIAGNOSED"
+    # Nobody measured a box, nor states how the readings at a stop were taken.
+    assert facts["Measured box"] == "X -400 to 0 mm, at Y 0, Z 0 mm"
+    assert facts["A stop"].startswith("unknown")
 
 
 def test_a_positioning_error_has_no_smaller_u_than_iso_230_2_states_for_it(tmp_path):
