@@ -167,12 +167,12 @@ def run(arguments: Namespace) -> int:
 
 
 def _limits(run: "RecordedRun") -> list[str]:
-    """Return which errors the lines of a run do not determine, and that its chain is unknown."""
-    from stepdiag_ros.bags.imports.made import NO_CHAIN, lacks_chain
+    """Return what an imported run lacks: runs, errors that its lines do not determine, chain."""
+    from stepdiag_ros.bags.imports.made import NO_CHAIN, lacks_chain, unequal_runs
     from stepdiag_ros.planning.undetermined import undetermined
 
     unknown = "" if run.plan.tracker is not None else undetermined(run.plan).sentence
-    return [*filter(None, [unknown]), *([NO_CHAIN] if lacks_chain(run) else [])]
+    return [*unequal_runs(run), *filter(None, [unknown]), *([NO_CHAIN] if lacks_chain(run) else [])]
 
 
 def _axes_and_paths(named: list[str], paths: list[Path]) -> tuple[list[str], list[Path]]:

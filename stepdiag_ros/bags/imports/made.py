@@ -1,5 +1,6 @@
 """What a user compares an import with: the measured box, and how far readings are from nominal."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.metrology.measurement import MeasuredLine
-from stepdiag_ros.metrology.plan import DIAGONAL, STEP_DIAGONAL, Volume
+from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, STEP_DIAGONAL, Volume
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.extent import extent_words
 
@@ -70,6 +71,23 @@ def what_was_made(run: RecordedRun) -> list[str]:
             f" ({farthest.line.line}, stop {farthest.stop})"
         )
     return said
+
+
+def unequal_runs(run: RecordedRun) -> list[str]:
+    """Return a sentence for each line that was not measured equally often in both directions.
+
+    Args:
+        run: that was imported; a line that has one direction only is not named.
+    """
+    counts: dict[tuple[str, str], Counter[str]] = {}
+    for one in run.measurement.lines:
+        counts.setdefault((one.setup, one.line.name), Counter())[one.line.direction] += 1
+    return [
+        f"line {name} has {found[FORWARD]} forward and {found[BACKWARD]} backward runs; check that"
+        " no run is missing"
+        for (_, name), found in counts.items()
+        if len(found) > 1 and found[FORWARD] != found[BACKWARD]
+    ]
 
 
 def lacks_chain(run: RecordedRun) -> bool:
