@@ -26,7 +26,7 @@ from stepdiag_ros.bags.table_rows import (
 from stepdiag_ros.configuration import find, plan_from_text, read_text
 from stepdiag_ros.metrology.geometry import Vector, beam_direction, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
+from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, STEP_DIAGONAL, Line, Volume, kind_of
 from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.text.intake import parse_yaml
@@ -35,6 +35,10 @@ NAME = "table with a mapping file"
 _LATEST = 4e9
 """s: what a time stamp of ROS can hold, about."""
 _GOOD = 0
+_OVERRUN_OF_STEPS = (
+    "the overrun that is stated for the whole table does not apply to step diagonals, which begin"
+    " at their first stop; where they began beyond it, state that in a column ('overrun')"
+)
 _MOST_NAMED = 5
 """Columns without a use that are named."""
 _DECIMAL = "'decimal: {sign}' under 'text' of the mapping file"
@@ -357,6 +361,9 @@ def _lines(
     )
     found = planned_lines(f"imported from {source}", told, case, overrun, source)
     untold = any(math.isnan(line.overrun) for line in found.lines)
+    passed_over = overrun > 0.0 and any(
+        line.line.kind == STEP_DIAGONAL and line.overrun == 0.0 for line in found.lines
+    )
     return Imported(
         format=NAME,
         volume=volume,
@@ -364,7 +371,10 @@ def _lines(
         lines=found.lines,
         machine_text=case.machine_text("the mapping file") if mapping.chain else "",
         facts=facts,
-        remarks=(OVERRUN_UNDETERMINED,) if untold else (),
+        remarks=(
+            *((OVERRUN_UNDETERMINED,) if untold else ()),
+            *((_OVERRUN_OF_STEPS,) if passed_over else ()),
+        ),
         chain=mapping.chain,
         further=further,
     )

@@ -15,7 +15,7 @@ from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.imported import ImportOptions
 from stepdiag_ros.bags.imports.made import NO_CHAIN, farthest_reading, unequal_runs
 from stepdiag_ros.bags.imports.mapping import mapping_of
-from stepdiag_ros.bags.imports.registry import import_file, read_file
+from stepdiag_ros.bags.imports.registry import import_file, import_files, read_file
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import available, find, read_text
@@ -353,3 +353,13 @@ def test_of_many_columns_without_a_use_a_few_are_named(tmp_path):
     )
     (unused,) = (one for one in read_file(path, by(str(mapping)))[1].remarks if "not used" in one)
     assert "'more 0'" in unused and "'more 19'" not in unused and "15" in unused
+
+
+def test_one_mapping_reads_all_files_of_a_measurement(tmp_path):
+    other = tmp_path / "other.csv"
+    other.write_bytes(COLUMNS.read_bytes().replace(b"0,82", b"0,83"))
+    both = [by("runs_in_columns", axis=axis) for axis in "XY"]
+    made = import_files([COLUMNS, other], tmp_path / "a.mcap", both)
+    assert {line.line.name for line in made.lines} == {"x", "y"}
+    with refused(TableError):
+        import_files([COLUMNS, DATA / "made_up_axis.rtl"], tmp_path / "b.mcap", both)
