@@ -13,7 +13,7 @@ from stepdiag_ros.bags.deviation_check import Deviation, check_deviations
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.plain_table import read_rows
 from stepdiag_ros.bags.table_rows import refusal
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR
 from stepdiag_ros.metrology.standards.axis_test import NO_OVERRUN, BidirectionalRuns
 from stepdiag_ros.metrology.units import MILLI
@@ -26,7 +26,7 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
 
     Args:
         path: the CSV.
-        name: of the axis; the table's name if not given.
+        name: of the axis; the table's name if not given (X of ``x.csv``).
 
     Raises:
         TableError: not there, not readable, incomplete or contradictory, or a deviation seems to
@@ -73,8 +73,9 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
         values = [[cycles[cycle][target].value for target in targets] for cycle in sorted(cycles)]
         return np.array(values, dtype=np.float64).reshape(len(values), len(targets))
 
+    stem = Path(path).stem
     return BidirectionalRuns(
-        name=name or Path(path).stem,
+        name=name or (stem.upper() if stem.upper() in AXES else stem),
         kind=LINEAR,
         target=np.array(targets) * MILLI,
         forward=table(FORWARD),

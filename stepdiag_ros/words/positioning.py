@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from stepdiag_ros.evaluation.positioning import PositioningReport
+from stepdiag_ros.metrology.geometry import LINEAR_LINES
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
 from stepdiag_ros.metrology.units import IN_MICRO
@@ -92,7 +93,8 @@ def leading_sentences(report: PositioningReport) -> list[str]:
 
 def uneven_reason(lines: Sequence[str]) -> str:
     """Return why lines with unevenly spaced targets have no error curves, in a sentence."""
-    return f"The targets of {', '.join(lines)} are not evenly spaced."
+    names = [line.upper() if line in LINEAR_LINES else line for line in lines]
+    return f"The targets of {', '.join(names)} are not evenly spaced."
 
 
 def subject_of(test: PositioningTest) -> str:
@@ -125,7 +127,7 @@ def sentences(report: PositioningReport) -> list[str]:
         if differing:
             said.append(f"Published figures that depart from ISO 230-2: {'; '.join(differing)}.")
     for test in report.tests:
-        said.extend(f"{test.setup or test.name}: {remark}." for remark in test.remarks)
+        said.extend(f"{test.label}: {remark}." for remark in test.remarks)
     for group in report.groups:
         said.extend(f"{remark}." for remark in group.remarks)
     said.extend(report.warnings)
