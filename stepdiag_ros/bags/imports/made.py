@@ -1,7 +1,7 @@
 """What a user compares an import with: the measured box, and how far readings are from nominal."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,6 +87,22 @@ def unequal_runs(run: RecordedRun) -> list[str]:
         " no run is missing"
         for (_, name), found in counts.items()
         if len(found) > 1 and found[FORWARD] != found[BACKWARD]
+    ]
+
+
+def overrun_passed_over(overrun: float, lines: Iterable[MeasuredLine]) -> list[str]:
+    """Return a sentence where an overrun was stated that lines did not take.
+
+    Args:
+        overrun: that was stated for a whole table, m; NaN if none was.
+        lines: as they were imported.
+    """
+    steps = (line for line in lines if line.line.kind == STEP_DIAGONAL)
+    if not (overrun > 0.0 and any(line.overrun == 0.0 for line in steps)):
+        return []
+    return [
+        "the overrun that is stated for the whole table does not apply to step diagonals, which"
+        " begin at their first stop; if they began beyond it, state that in a column of overruns"
     ]
 
 

@@ -13,6 +13,7 @@ from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.axis_test import OVERRUN_UNDETERMINED, AxisRow, axis_name, axis_test
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
+from stepdiag_ros.bags.imports.made import overrun_passed_over
 from stepdiag_ros.bags.imports.mapping import AXIS, DELIMITERS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
@@ -26,7 +27,7 @@ from stepdiag_ros.bags.table_rows import (
 from stepdiag_ros.configuration import find, plan_from_text, read_text
 from stepdiag_ros.metrology.geometry import Vector, beam_direction, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, STEP_DIAGONAL, Line, Volume, kind_of
+from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
 from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.text.intake import parse_yaml
@@ -35,10 +36,6 @@ NAME = "table with a mapping file"
 _LATEST = 4e9
 """s: what a time stamp of ROS can hold, about."""
 _GOOD = 0
-_OVERRUN_OF_STEPS = (
-    "the overrun that is stated for the whole table does not apply to step diagonals, which begin"
-    " at their first stop; where they began beyond it, state that in a column ('overrun')"
-)
 _MOST_NAMED = 5
 """Columns without a use that are named."""
 _DECIMAL = "'decimal: {sign}' under 'text' of the mapping file"
@@ -361,9 +358,6 @@ def _lines(
     )
     found = planned_lines(f"imported from {source}", told, case, overrun, source)
     untold = any(math.isnan(line.overrun) for line in found.lines)
-    passed_over = overrun > 0.0 and any(
-        line.line.kind == STEP_DIAGONAL and line.overrun == 0.0 for line in found.lines
-    )
     return Imported(
         format=NAME,
         volume=volume,
@@ -373,7 +367,7 @@ def _lines(
         facts=facts,
         remarks=(
             *((OVERRUN_UNDETERMINED,) if untold else ()),
-            *((_OVERRUN_OF_STEPS,) if passed_over else ()),
+            *overrun_passed_over(overrun, found.lines),
         ),
         chain=mapping.chain,
         further=further,

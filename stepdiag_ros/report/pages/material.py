@@ -220,7 +220,8 @@ class Material:
     def repeated(self) -> bool:
         """Say whether a line was measured more than once in one direction."""
         passes = [
-            (line.setup, line.line.name, line.line.direction) for line in self.measurement.lines
+            (line.setup, line.line.name, line.line.order, line.line.direction)
+            for line in self.measurement.lines
         ]
         return len(set(passes)) < len(passes)
 

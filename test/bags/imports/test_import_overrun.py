@@ -125,3 +125,19 @@ def test_b_of_iso_230_2_contains_all_targets_whatever_is_known_of_the_overrun(ta
     assert found.parameters["mean B"] == np.mean(found.reversal)
     (said,) = (one for one in made.remarks if "--overrun" in one)
     assert "mean B" in said and "diagnosis" in said
+
+
+def test_of_a_run_table_too_the_overrun_of_step_diagonals_is_named(tmp_path, capsys):
+    table = DATA.parent / "cases" / "four_diagonals" / "run.csv"
+    assert main(["import", str(table), str(tmp_path / "a.mcap"), "--overrun", "0.002"]) == 0
+    assert "overrun" in capsys.readouterr().err
+    assert main(["import", str(table), str(tmp_path / "b.mcap")]) == 0
+    assert "overrun" not in capsys.readouterr().err
+
+
+def test_of_uneven_targets_no_further_lines_are_asked_for(tmp_path, capsys):
+    table = tmp_path / "x.csv"
+    rows = [f"1,forward,{target},{target}" for target in (0, 10, 25)]
+    table.write_text("\n".join(["cycle,direction,target_mm,position_mm", *rows]))
+    assert main(["import", str(table), "--axis", "X"]) == 0
+    assert "do not determine" not in capsys.readouterr().err

@@ -21,8 +21,9 @@ _LATE_NS = 1_000_000_000
 """Readings are looked for so long before and after the stops that are shown."""
 NO_REPEATS = "No line was measured twice in one direction: how far readings repeat is unknown."
 _ELSEWHERE = (
-    "The scatter about repeated passes needs stops at the nodes of the measured box. The section on"
-    " ISO 230-2 states how far the readings repeat: R, and s at every target."
+    "The scatter of repeated passes was not computed: it needs three or more stops at nodes of the"
+    " measured box. The section on ISO 230-2 states how far the readings repeat: R, and s at every"
+    " target."
 )
 
 
