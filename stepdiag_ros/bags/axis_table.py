@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag_ros.bags.deviation_check import Deviation, check_deviations
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.plain_table import read_rows
 from stepdiag_ros.bags.table_rows import refusal
-from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR
 from stepdiag_ros.metrology.standards.axis_test import NO_OVERRUN, BidirectionalRuns
 from stepdiag_ros.metrology.units import MILLI
@@ -25,10 +26,11 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
 
     Args:
         path: the CSV.
-        name: of the axis; the table's name if not given.
+        name: of the axis; the table's name if not given (X of ``x.csv``).
 
     Raises:
-        TableError: not there, not readable, incomplete or contradictory; names row and reason.
+        TableError: not there, not readable, incomplete or contradictory, or a deviation seems to
+            have another unit; names row and reason.
     """
     rows = read_rows(path, COLUMNS)
     targets = sorted({row.number("target_mm") for row in rows})
@@ -38,7 +40,7 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
             fault="too_few",
             aspect="target",
         )
-    runs: dict[str, dict[int, dict[float, float]]] = {FORWARD: {}, BACKWARD: {}}
+    runs: dict[str, dict[int, dict[float, Deviation]]] = {FORWARD: {}, BACKWARD: {}}
     for row in rows:
         direction = row.one_of("direction", (FORWARD, BACKWARD))
         run = runs[direction].setdefault(row.whole("cycle"), {})
@@ -52,7 +54,8 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
                 fault="twice",
             )
         # Subtracted in mm, in which both are written exactly.
-        run[target] = (row.number("position_mm") - target) * MILLI
+        value = (row.number("position_mm") - target) * MILLI
+        run[target] = Deviation(row.row, target * MILLI, value)
     for direction, cycles in runs.items():
         for cycle, run in cycles.items():
             for target in targets:
@@ -62,14 +65,17 @@ def read_axis_table(path: str | Path, name: str = "") -> BidirectionalRuns:
                         f" {target:g} mm; complete the run or leave it out",
                         fault="missing",
                     )
+            length = (targets[-1] - targets[0]) * MILLI
+            check_deviations(rows[0].source, list(run.values()), length)
 
     def table(direction: str) -> Vector:
         cycles = runs[direction]
-        values = [[cycles[cycle][target] for target in targets] for cycle in sorted(cycles)]
+        values = [[cycles[cycle][target].value for target in targets] for cycle in sorted(cycles)]
         return np.array(values, dtype=np.float64).reshape(len(values), len(targets))
 
+    stem = Path(path).stem
     return BidirectionalRuns(
-        name=name or Path(path).stem,
+        name=name or (stem.upper() if stem.upper() in AXES else stem),
         kind=LINEAR,
         target=np.array(targets) * MILLI,
         forward=table(FORWARD),

@@ -167,12 +167,17 @@ def run(arguments: Namespace) -> int:
 
 
 def _limits(run: "RecordedRun") -> list[str]:
-    """Return which errors the lines of a run do not determine, and that its chain is unknown."""
-    from stepdiag_ros.bags.imports.made import NO_CHAIN, lacks_chain
+    """Return what an imported run lacks: runs, errors that its lines do not determine, chain."""
+    from stepdiag_ros.bags.imports.made import NO_CHAIN, lacks_chain, unequal_runs
+    from stepdiag_ros.metrology.solvers.observations import unevenly_spaced
     from stepdiag_ros.planning.undetermined import undetermined
 
-    unknown = "" if run.plan.tracker is not None else undetermined(run.plan).sentence
-    return [*filter(None, [unknown]), *([NO_CHAIN] if lacks_chain(run) else [])]
+    # 'solve' cannot use unevenly spaced targets, so that further lines would not help.
+    solvable = run.plan.tracker is None and not unevenly_spaced(
+        run.measurement.lines, run.plan.volume
+    )
+    unknown = undetermined(run.plan).sentence if solvable else ""
+    return [*unequal_runs(run), *filter(None, [unknown]), *([NO_CHAIN] if lacks_chain(run) else [])]
 
 
 def _axes_and_paths(named: list[str], paths: list[Path]) -> tuple[list[str], list[Path]]:
@@ -213,6 +218,7 @@ def _files_and_bag(paths: list[Path], axes: int) -> tuple[list[Path], Path]:
 def _run_table(
     arguments: Namespace, table: Path, target: Path, source: "SourceFile"
 ) -> dict[str, Any]:
+    from stepdiag_ros.bags.imports.made import overrun_passed_over
     from stepdiag_ros.bags.table import import_table
 
     for name in ("axis", "box", "standing", "directions", "plan", "chain"):
@@ -235,7 +241,7 @@ def _run_table(
         "source_sha256": source.sha256,
         "files": _files([source]),
         "facts": dict(made.case.facts),
-        "remarks": [],
+        "remarks": overrun_passed_over(arguments.overrun or 0.0, measurement.lines),
     }
 
 

@@ -133,8 +133,11 @@ def warn_of_replaced(file: Path, run_id: str) -> None:
     if before == run_id:
         say(f"stepdiag: the earlier results in {file.parent} are replaced")
     else:
+        old, new = (
+            f"run '{one}'" if one else "a file without a run identity" for one in (before, run_id)
+        )
         warn(
-            f"{file.parent} holds results of run '{before}'; those of run '{run_id}' replace them."
+            f"{file.parent} holds results of {old}; those of {new} replace them."
             " To keep both, name another folder with --output"
         )
 

@@ -96,13 +96,14 @@ def _add_given(parser: ArgumentParser) -> None:
         "--instrument",
         metavar="NAME|FILE",
         help="instrument file: uncertainties of laser, sensors, material and setup, see 'stepdiag"
-        " budget'",
+        " budget'. They make U of the error curves, of squareness and of the largest error",
     )
     parser.add_argument(
         "--uncertainty",
         type=Path,
         metavar="FILE",
-        help="measuring conditions of the ISO 230 tests, see 'stepdiag iso230'",
+        help="measuring conditions, see 'stepdiag iso230'. They make U of the parameters of ISO"
+        " 230-2 and ISO 230-6; the U of a positioning error is then at least that of M",
     )
     add_direct_option(parser)
     parser.add_argument(

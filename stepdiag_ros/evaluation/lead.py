@@ -13,6 +13,7 @@ from pathlib import Path
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
+from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
 from stepdiag_ros.evaluation.solving import one_thread
@@ -21,6 +22,7 @@ from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.solvers.observations import unevenly_spaced
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.metrology.target import TargetStanding
@@ -54,6 +56,9 @@ class RunLead:
         tracked: the lines were measured with a laser tracker.
         repeated: at least one line was measured more than once.
         target: how far the run has come to its target; None if it has none.
+        uneven: lines whose targets are not evenly spaced, so that only ISO 230-2 and ISO 230-6
+            evaluate the run; empty if errors were estimated.
+        positioning: the tests by these standards; None where they were not evaluated.
     """
 
     verdict: Verdict = field(default_factory=Verdict)
@@ -75,6 +80,8 @@ class RunLead:
     tracked: bool = False
     repeated: bool = True
     target: TargetStanding | None = None
+    uneven: tuple[str, ...] = ()
+    positioning: PositioningReport | None = None
 
     @property
     def whole(self) -> bool:
@@ -87,6 +94,7 @@ def lead_of(
     accuracy: VolumetricAccuracy | None = None,
     expanded_uncertainty: float = math.nan,
     errors: Sequence[SingleError] | None = None,
+    positioning: PositioningReport | None = None,
 ) -> RunLead:
     """Return the summary of a run that was solved, or could not be solved.
 
@@ -95,16 +103,20 @@ def lead_of(
         accuracy: of the method to rely on, where it was computed already.
         expanded_uncertainty: of the accuracy, where more is known than the readings show, m.
         errors: by the same method, where computed already.
+        positioning: the tests by ISO 230-2 and ISO 230-6, where they were evaluated.
     """
     result, measurement = report.preferred(), report.measurement
     if result is None:
+        uneven = () if measurement is None else uneven_of(measurement)
         return RunLead(
             *(report.verdict, report.passes, report.bag),
             solved=False,
             unknown=(*TRANSLATIONS, *SQUARENESS),
-            remedy=_remedy(measurement, report.passes),
+            remedy="" if uneven else _remedy(measurement, report.passes),
             recording=report.recording,
             target=report.target,
+            uneven=uneven,
+            positioning=positioning,
         )
     rotating = any(name in result.curves for name in ROTATIONS)
     if accuracy is None and (report.chain or not rotating):
@@ -144,6 +156,11 @@ def lead_of(
         told_elsewhere=() if rotating else _told(report.results),
         target=report.target,
     )
+
+
+def uneven_of(measurement: Measurement) -> tuple[str, ...]:
+    """Return the lines of a run whose targets are not evenly spaced; see ``unevenly_spaced``."""
+    return unevenly_spaced(measurement.lines, measurement.volume)
 
 
 def _unknown(result: VolumetricErrors) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ the range off the least-squares line (Ibaraki & Hata 2010, section 4.1), so peak
 Squareness counts by what it makes over the travel of the axis that is out of square.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, nan, sqrt
 
@@ -15,7 +16,12 @@ import numpy as np
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
+from stepdiag_ros.metrology.plan import LINEAR
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
+from stepdiag_ros.metrology.standards.positioning_uncertainty import (
+    COVERAGE_FACTOR as FACTOR_OF_THE_STANDARD,
+)
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded, larger
 
@@ -93,6 +99,39 @@ def single_errors(
             wide = expanded_of_figure(figure, budget).times(length)
             value = abs(figure.value) * length
             made.append(SingleError.made(name, value, wide, length, figure.value))
+    return tuple(made)
+
+
+def at_least_of_tests(
+    errors: Sequence[SingleError], tests: Iterable[PositioningTest]
+) -> tuple[SingleError, ...]:
+    """Return single errors whose positioning has no smaller U than ISO 230-2 states for it.
+
+    Peak to peak of a positioning error is the mean bidirectional error M of ISO 230-2, or E↑ or E↓
+    of lines in one direction only.
+
+    Args:
+        errors: by ``single_errors``.
+        tests: of the same run; those of diagonals are passed over.
+    """
+    largest: dict[str, Expanded] = {}
+    for test in tests:
+        if test.kind != LINEAR:
+            continue
+        name = f"E_{test.name}{test.name}"
+        for parameter in ("M", "E↑", "E↓"):
+            value = test.expanded_uncertainty[parameter]
+            if isfinite(value):
+                found = Expanded(value, FACTOR_OF_THE_STANDARD)
+                largest[name] = larger(largest.get(name, Expanded()), found)
+                break
+    made = []
+    for one in errors:
+        own = Expanded(one.expanded_uncertainty, one.coverage_factor)
+        wide = larger(own, largest.get(one.name, Expanded()))
+        made.append(
+            replace(one, expanded_uncertainty=wide.value, coverage_factor=wide.coverage_factor)
+        )
     return tuple(made)
 
 

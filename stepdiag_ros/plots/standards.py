@@ -105,7 +105,7 @@ def iso230_2_graphs(
     sheet = Sheet(len(tests), 3, 1.75, axes=axes, share_up=True, gap=(0.25, 0.55), bottom=0.42)
     for number, (panel, test) in enumerate(zip(sheet.panels, tests, strict=True)):
         _graph(panel, test)
-        panel_title(panel, f"axis {test.setup or test.name}")
+        panel_title(panel, f"axis {test.label}")
         up = "deviation / µm" if sheet.first_in_row(number) else ""
         scales(panel, f"{test.name} / mm", up)
     heading = "ISO 230-2: positioning of the axes, 0 at the first target"
@@ -141,7 +141,7 @@ def iso230_6_graphs(
 def _graphs(sheet: Sheet, group: DiagonalGroup) -> None:
     for number, (panel, test) in enumerate(zip(sheet.panels, group.tests, strict=False)):
         _graph(panel, test)
-        panel_title(panel, f"{group.labels[number]}: {test.setup or test.name}")
+        panel_title(panel, f"{group.labels[number]}: {test.label}")
         up = "deviation / µm" if sheet.first_in_row(number) else ""
         across = "position / mm" if sheet.last_in_column(number) else ""
         scales(panel, across, up)
@@ -219,7 +219,7 @@ def _table_rows(group: DiagonalGroup) -> list[tuple[str, str, str]]:
             written(test.parameters[name], test.expanded_uncertainty[name], decimals)
             for name in ("B", "E")
         )
-        rows.append((f"{test.setup or test.name} ({label})", reversal, deviation))
+        rows.append((f"{test.label} ({label})", reversal, deviation))
     return rows
 
 

@@ -116,7 +116,7 @@ class MeasuringSession:
                 ) from None
 
     def _abort(self, operator: "OperatorNode") -> None:
-        """End the run before its nodes end, so that whoever has started it hears of that."""
+        """End the run before its nodes end, so that its client receives a result."""
         if not operator.sequencer:
             return
         self._tell(RunNews("the run is aborted"))

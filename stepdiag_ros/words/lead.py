@@ -25,6 +25,7 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.target_words import end_words
 from stepdiag_ros.text.numbers import plain, with_expanded
 from stepdiag_ros.text.terminal import fitted
+from stepdiag_ros.words.positioning import leading_sentences, uneven_reason
 
 _MOST_ERRORS = 3
 _MOST_MISSING = 6
@@ -40,6 +41,7 @@ _TESTED = {
     NOT_TESTABLE: " No reading of this run could contradict the errors below; they are not tested.",
     NOT_DIAGNOSED: "",
 }
+_NEED_EVEN = "Error curves and the diagnosis need evenly spaced targets."
 _NOT_REPEATED = " No line was repeated: repeatability, reversal and drift were not seen."
 _NOT_CONTAINED = " The errors below do not include this effect."
 
@@ -67,6 +69,9 @@ def deciding_sentences(lead: RunLead) -> list[str]:
     said = [flaw.sentence for flaw in lead.recording]
     said += [] if lead.passes is None else incomplete_sentences(lead.passes)
     said += [] if lead.target is None else [_target(lead.target)]
+    if lead.uneven:
+        tests = [] if lead.positioning is None else leading_sentences(lead.positioning)
+        return [*said, *tests, f"{_NEED_EVEN} {uneven_reason(lead.uneven)}"]
     said.append(_verdict(lead))
     return [*said, *_misfit(lead), *_unknown(lead)]
 
@@ -113,16 +118,22 @@ def next_steps(lead: RunLead) -> list[NextStep]:
     if lead.bag is None:
         return []
     more_acts = lead.verdict.more_acts
-    named = [
+    named: list[tuple[str, str]] = [
         *_complete_first(lead),
-        *([_SOLVE] if lead.solved is None else []),
-        *(_after_verdict(lead) if more_acts else []),
-        *_for_unknown(lead),
-        *([] if more_acts else _after_verdict(lead)),
-        _REPORT if lead.volume is None or lead.tracked else _NOT_JUDGED,
-        _MONITOR,
-        *_compensation(lead),
+        ("iso230 {}", "the parameters of ISO 230-2, and the deviations at every target"),
+        _REPORT,
     ]
+    if not lead.uneven:
+        named = [
+            *_complete_first(lead),
+            *([_SOLVE] if lead.solved is None else []),
+            *(_after_verdict(lead) if more_acts else []),
+            *_for_unknown(lead),
+            *([] if more_acts else _after_verdict(lead)),
+            _REPORT if lead.volume is None or lead.tracked else _NOT_JUDGED,
+            _MONITOR,
+            *_compensation(lead),
+        ]
     bag = shlex.quote(str(lead.bag))
     return [NextStep(command and f"stepdiag {command.format(bag)}", why) for command, why in named]
 

@@ -4,11 +4,13 @@ import math
 from collections.abc import Iterable, Sequence
 
 from stepdiag_ros.evaluation.positioning import PositioningReport
+from stepdiag_ros.metrology.geometry import LINEAR_LINES
 from stepdiag_ros.metrology.standards.axis_test import is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.numbers import UNKNOWN, plain, with_uncertainty
 
+_LEADING = ("A", "R", "E", "M", "B")
 _DIGITS = 4
 """Significant digits of the largest parameter where no uncertainty says how many there are."""
 
@@ -45,6 +47,56 @@ def cell_below(value: float, uncertainty: float, decimals: int, head: str) -> st
     return written(value, uncertainty, decimals)
 
 
+def size_words(value: float, uncertainty: float, decimals: int) -> str:
+    """Write a value with its expanded uncertainty (both m) and the unit, as it stands alone."""
+    if math.isfinite(value) and not math.isfinite(uncertainty):
+        return f"{plain(value * IN_MICRO, decimals)} µm (U {UNKNOWN})"
+    return f"{written(value, uncertainty, decimals)} µm"
+
+
+def leading_parameters(test: PositioningTest) -> tuple[str, ...]:
+    """Return the parameters that stand for a test: A, R, E, M, B, or what is known without them."""
+    bidirectional = tuple(name for name in _LEADING if math.isfinite(test.parameters[name]))
+    known = tuple(name for name in PARAMETERS if math.isfinite(test.parameters[name]))
+    return bidirectional or known
+
+
+def leading_sentences(report: PositioningReport) -> list[str]:
+    """Return the parameters of every test with U, and why a U is unknown, in sentences."""
+    decimals = decimals_of(report.tests)
+    said, known = [], []
+    for test in report.tests:
+        names = leading_parameters(test)
+        with_u = [name for name in names if math.isfinite(test.expanded_uncertainty[name])]
+        known += with_u
+        figures = ", ".join(
+            f"{name} = {written(test.parameters[name], test.expanded_uncertainty[name], decimals)}"
+            " µm"
+            if with_u
+            else f"{name} = {plain(test.parameters[name] * IN_MICRO, decimals)} µm"
+            for name in names
+        )
+        forward, backward = test.runs
+        said.append(
+            f"{test.standard}, {subject_of(test)}, {forward} runs forward and {backward} backward:"
+            f" {figures}{'' if with_u else f' (U {UNKNOWN})'}."
+        )
+    if known:
+        said.append("U: expanded uncertainty, k = 2, of the conditions that --uncertainty states.")
+    if report.unknown:
+        which = "A U is unknown where it needs" if known else "U is unknown, because it needs"
+        said.append(
+            f"{which} what is not stated: {', '.join(report.unknown)} (--uncertainty FILE)."
+        )
+    return said
+
+
+def uneven_reason(lines: Sequence[str]) -> str:
+    """Return why lines with unevenly spaced targets have no error curves, in a sentence."""
+    names = [line.upper() if line in LINEAR_LINES else line for line in lines]
+    return f"The targets of {', '.join(names)} are not evenly spaced."
+
+
 def subject_of(test: PositioningTest) -> str:
     """Name the axis or the diagonal of a test."""
     what = "diagonal" if is_diagonal(test.kind) else "axis"
@@ -75,7 +127,7 @@ def sentences(report: PositioningReport) -> list[str]:
         if differing:
             said.append(f"Published figures that depart from ISO 230-2: {'; '.join(differing)}.")
     for test in report.tests:
-        said.extend(f"{test.setup or test.name}: {remark}." for remark in test.remarks)
+        said.extend(f"{test.label}: {remark}." for remark in test.remarks)
     for group in report.groups:
         said.extend(f"{remark}." for remark in group.remarks)
     said.extend(report.warnings)

@@ -9,6 +9,8 @@ from refused import a_fault, refused
 from stepdiag_ros.bags.axis_table import read_axis_table
 from stepdiag_ros.bags.diagonal_table import read_diagonal_table
 from stepdiag_ros.bags.errors import TableError
+from stepdiag_ros.bags.imports.imported import ImportOptions
+from stepdiag_ros.bags.imports.registry import read_file
 
 CASE = Path(__file__).parent.parent / "data" / "cases" / "iso230_2_measured" / "data.csv"
 HEADER = "cycle,direction,target_mm,position_mm\n"
@@ -52,11 +54,19 @@ def test_runs_in_one_direction_are_enough_to_be_read(tmp_path):
     assert runs.remarks == ()
 
 
+def test_the_evaluation_refuses_the_unit_that_the_import_refuses(tmp_path):
+    path = table(tmp_path, *(f"1,forward,{target},{1e-3 * target}" for target in (0, 10, 20)))
+    for read in (read_axis_table, lambda one: read_file(one, ImportOptions(axis="X"))):
+        with refused(TableError, "mismatch"):
+            read(path)
+
+
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
         ([*ROWS, "1,forward,10,10.1"], a_fault("twice", "10", row=6)),
         (ROWS[:3], a_fault("missing", "1", "0")),
+        ([*ROWS[:2], "1,forward,20,0.02002"], a_fault("mismatch", "20", row=4)),
         ([*ROWS, "2,sideways,0,0"], a_fault("unknown", "sideways", row=6, about="direction")),
         ([*ROWS, "x,forward,0,0"], a_fault("malformed", "x", row=6, about="cycle")),
         ([*ROWS, "2,forward,0,none"], a_fault("malformed", "none", row=6, about="position_mm")),

@@ -231,3 +231,25 @@ def test_a_bag_without_diagonals_is_refused(capsys, tmp_path):
     code, out, err = stepdiag(capsys, "squareness", bag)
     assert (code, out) == (1, "")
     assert "there is no face or body diagonal" in err
+
+
+def test_a_table_and_its_bag_call_the_axis_and_themselves_by_the_same_form(capsys, tmp_path):
+    rows = [
+        f"{cycle},{direction},{target},{target + 1e-4 * (target + cycle):.5f}"
+        for cycle in (1, 2)
+        for direction, targets in (("forward", (0, 10, 25)), ("backward", (25, 10, 0)))
+        for target in targets
+    ]
+    table, run = tmp_path / "x.csv", tmp_path / "x.mcap"
+    table.write_text("\n".join(["cycle,direction,target_mm,position_mm", *rows]) + "\n")
+    assert stepdiag(capsys, "import", table, "--axis", "X")[0] == 0
+    first = stepdiag(capsys, "iso230", table, "--pictures", "none")
+    second = stepdiag(capsys, "iso230", run, "--pictures", "none")
+    for _, out, _ in (first, second):
+        assert "axis X" in out and "axis x" not in out
+        assert "\nX: " in out and "\nx: " not in out
+    # What replaces another result is named, and a table has no identity to name.
+    assert "x_iso230" in second[2] and "''" not in second[2]
+    assert load_run(run).run_id in second[2]
+    third = stepdiag(capsys, "iso230", table, "--pictures", "none")
+    assert load_run(run).run_id in third[2] and "''" not in third[2]

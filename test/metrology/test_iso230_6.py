@@ -11,6 +11,7 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.axis_test import (
     NO_OVERRUN,
     ON_THE_DIAGONAL_BY_STEPS,
+    WITHOUT_OVERRUN,
     BidirectionalRuns,
     all_runs,
     completed_by,
@@ -124,7 +125,7 @@ def test_step_diagonals_tell_the_same_at_the_ends_of_their_blocks(name):
     (other,) = all_runs(simulate(by_steps, tilted))
     np.testing.assert_allclose(other.target, one.target)
     np.testing.assert_allclose(other.forward[0], one.forward[0] - one.forward[0][0], atol=3e-9)
-    assert other.remarks == (ON_THE_DIAGONAL_BY_STEPS, NO_OVERRUN)
+    assert other.remarks == (ON_THE_DIAGONAL_BY_STEPS, WITHOUT_OVERRUN)
     between = simulate(by_steps, tilted).lines[0]
     straight = simulate(by_steps, aligned).lines[0]
     assert np.max(np.abs(between.displacement - straight.displacement)) > 1e-6
@@ -156,8 +157,13 @@ def test_a_run_with_a_rejected_stop_is_left_out_and_named():
 
 def test_without_overrun_the_reversal_at_the_ends_is_in_doubt():
     plan = plan_of({"kind": "linear", "names": ["x"]}, overrun=0.0)
-    (runs,) = all_runs(simulate(plan, make_cell()))
-    assert runs.remarks == (NO_OVERRUN,)
+    measurement = simulate(plan, make_cell())
+    (runs,) = all_runs(measurement)
+    assert runs.remarks == (WITHOUT_OVERRUN,) and runs.ends_in_doubt
+    # What is not known is not said to be known.
+    lines = tuple(replace(line, overrun=np.nan) for line in measurement.lines)
+    (unknown,) = all_runs(replace(measurement, lines=lines))
+    assert unknown.remarks == (NO_OVERRUN,) and unknown.ends_in_doubt
 
 
 def test_a_test_is_complete_with_its_last_pass_and_again_when_one_is_repeated():

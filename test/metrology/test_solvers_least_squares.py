@@ -11,7 +11,7 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
-from stepdiag_ros.metrology.solvers.observations import observe
+from stepdiag_ros.metrology.solvers.observations import observe, unevenly_spaced
 from stepdiag_ros.metrology.solvers.positive import inverse_positive
 
 
@@ -278,6 +278,22 @@ def test_linear_lines_beside_the_volumes_edge_serve_as_well():
     only_x = replace(measured, lines=tuple(shifted))
     truth = truth_of(measured)
     assert solve(only_x, "least_squares").curves["E_XX"] == pytest.approx(truth["E_XX"], abs=10e-9)
+
+
+def test_unevenly_spaced_targets_are_told_from_a_contradiction():
+    measured = measure(noise=1e-9)
+    x = next(one for one in measured.lines if one.line.name == "x")
+    target = x.target.copy()
+    target[1, 0] += 0.003
+    uneven = replace(measured, lines=(replace(x, target=target),))
+    with refused(Refusal, "mismatch", "x", aspect="spacing"):
+        solve(uneven, "least_squares")
+    assert unevenly_spaced(uneven.lines, uneven.volume) == ("x",)
+    # Evenly spaced beside the nodes is a contradiction; uneven on the nodes is none.
+    beside = replace(x, target=x.target + np.array([0.003, 0.0, 0.0]))
+    with refused(Refusal, "mismatch", aspect="node"):
+        solve(replace(measured, lines=(beside,)), "least_squares")
+    assert unevenly_spaced((beside, *measured.lines), measured.volume) == ()
 
 
 def test_chi_squared_threshold_is_that_of_the_distribution():

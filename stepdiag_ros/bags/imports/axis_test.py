@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stepdiag_ros.bags.deviation_check import Deviation, check_deviations
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.placing import DIAGONALS, Placed, placed
@@ -23,15 +24,12 @@ from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 from stepdiag_ros.metrology.units import NANOSECONDS
 
 SAME, ALTERNATING = "same", "alternating"
-LARGEST_PART = 0.002
-LARGEST_ANYWHERE = 0.2e-3
-"""Part of the measured length, and m on short ones, by which deviations of a run may differ; more
-is taken for a mistaken unit."""
 MOST_TARGETS = 1001
 LONGEST = 100.0
 OVERRUN_UNDETERMINED = (
     "the file does not state whether runs along an axis began beyond their first target, so the"
-    " first stop of each run does not count for the reversal error (state the distance with"
+    " diagnosis does not use the first stop of each run for the reversal error; B and mean B of ISO"
+    " 230-2 contain all targets, and may be too small at the ends (state the distance with"
     " --overrun M; 0: they did not)"
 )
 
@@ -219,17 +217,8 @@ def _check(source: str, runs: Sequence[_Run], targets: Vector) -> None:
                 " the file may be cut off. Complete the run or leave it out",
                 fault="missing",
             )
-        middle = sorted(row.deviation for row in run.rows)[len(run.rows) // 2]
-        for row in run.rows:
-            if abs(row.deviation - middle) > max(LARGEST_PART * length, LARGEST_ANYWHERE):
-                raise refusal(
-                    source,
-                    row.row,
-                    f"the deviation {1e6 * row.deviation:g} µm at {1e3 * row.target:g} mm differs"
-                    f" from the others of its run by {1e6 * (row.deviation - middle):.4g} µm;"
-                    " check its unit",
-                    fault="mismatch",
-                )
+        found = [Deviation(row.row, row.target, row.deviation) for row in run.rows]
+        check_deviations(source, found, length)
         times = [row.time for row in run.rows]
         for row, before, after in zip(run.rows[1:], times, times[1:], strict=False):
             if after < before:

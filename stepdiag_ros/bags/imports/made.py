@@ -1,15 +1,16 @@
 """What a user compares an import with: the measured box, and how far readings are from nominal."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stepdiag_ros.bags.run import RecordedRun
-from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import MeasuredLine
-from stepdiag_ros.metrology.plan import DIAGONAL, STEP_DIAGONAL, Volume
-from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, STEP_DIAGONAL, Volume
+from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.text.extent import extent_words
 
 NO_CHAIN = (
     "the kinematic chain is not stated: U takes the mean of what rotations do in all six chains, so"
@@ -61,11 +62,7 @@ def what_was_made(run: RecordedRun) -> list[str]:
         run: that was imported.
     """
     volume = run.plan.volume
-    sides = ", ".join(
-        f"{letter} {nodes[0] * IN_MILLI:.6g} to {nodes[-1] * IN_MILLI:.6g}"
-        for letter, nodes in zip(AXES, volume.all_nodes, strict=True)
-    )
-    said = [f"measured box in mm: {sides}"]
+    said = [f"measured box: {extent_words(run.plan)}"]
     # A tracker reads lengths from its own place, which the evaluation has to locate first.
     farthest = farthest_reading(run.lines, volume) if run.plan.tracker is None else None
     if farthest is not None:
@@ -74,6 +71,39 @@ def what_was_made(run: RecordedRun) -> list[str]:
             f" ({farthest.line.line}, stop {farthest.stop})"
         )
     return said
+
+
+def unequal_runs(run: RecordedRun) -> list[str]:
+    """Return a sentence for each line that was not measured equally often in both directions.
+
+    Args:
+        run: that was imported; a line that has one direction only is not named.
+    """
+    counts: dict[tuple[str, str], Counter[str]] = {}
+    for one in run.measurement.lines:
+        counts.setdefault((one.setup, one.line.name), Counter())[one.line.direction] += 1
+    return [
+        f"line {name} has {found[FORWARD]} forward and {found[BACKWARD]} backward runs; check that"
+        " no run is missing"
+        for (_, name), found in counts.items()
+        if len(found) > 1 and found[FORWARD] != found[BACKWARD]
+    ]
+
+
+def overrun_passed_over(overrun: float, lines: Iterable[MeasuredLine]) -> list[str]:
+    """Return a sentence where an overrun was stated that lines did not take.
+
+    Args:
+        overrun: that was stated for a whole table, m; NaN if none was.
+        lines: as they were imported.
+    """
+    steps = (line for line in lines if line.line.kind == STEP_DIAGONAL)
+    if not (overrun > 0.0 and any(line.overrun == 0.0 for line in steps)):
+        return []
+    return [
+        "the overrun that is stated for the whole table does not apply to step diagonals, which"
+        " begin at their first stop; if they began beyond it, state that in a column of overruns"
+    ]
 
 
 def lacks_chain(run: RecordedRun) -> bool:

@@ -13,6 +13,7 @@ from stepdiag_ros.bags.case import Case
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.axis_test import OVERRUN_UNDETERMINED, AxisRow, axis_name, axis_test
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
+from stepdiag_ros.bags.imports.made import overrun_passed_over
 from stepdiag_ros.bags.imports.mapping import AXIS, DELIMITERS, LINES, TableMapping, mapping_of
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
@@ -35,6 +36,8 @@ NAME = "table with a mapping file"
 _LATEST = 4e9
 """s: what a time stamp of ROS can hold, about."""
 _GOOD = 0
+_MOST_NAMED = 5
+"""Columns without a use that are named."""
 _DECIMAL = "'decimal: {sign}' under 'text' of the mapping file"
 
 
@@ -56,22 +59,52 @@ def read(source: SourceFile, options: ImportOptions) -> Imported:
     rows = list(_rows(text.text, text.name, mapping))
     if not rows:
         raise TableError(f"{text.name} has no rows of data; check skip_rows in {name}")
+    made = _made(text.name, rows, mapping, options)
+    return replace(made, remarks=(*made.remarks, *_unused(text.text, text.name, mapping)))
+
+
+def _made(
+    source: str, rows: Sequence[_Cells], mapping: TableMapping, options: ImportOptions
+) -> Imported:
+    """Make what the rows of a table hold."""
     # Everything that the import was made with stays with it.
     further = {"mapping.yaml": mapping.text}
     facts = dict(mapping.facts)
     if math.isnan(options.overrun):
         options = replace(options, overrun=mapping.overrun)
     if mapping.table == AXIS:
-        axis = axis_name(mapping.axis, options, text.name)
+        axis = axis_name(mapping.axis, options, source)
         if options.standing is None:
             options = replace(options, standing=mapping.standing)
-        found = _axis_rows(text.name, rows, mapping)
+        found = _axis_rows(source, rows, mapping)
         return axis_test(
-            text.name, NAME, axis, found, options, mapping.environment, facts, (), further
+            source, NAME, axis, found, options, mapping.environment, facts, (), further
         )
     if mapping.table == LINES:
-        return _lines(text.name, rows, mapping, options.overrun, facts, further)
-    return _stream(text.name, rows, mapping, options, facts, further)
+        return _lines(source, rows, mapping, options.overrun, facts, further)
+    return _stream(source, rows, mapping, options, facts, further)
+
+
+def _unused(text: str, source: str, mapping: TableMapping) -> list[str]:
+    """Return a sentence that names the columns which the mapping does not use, if there are any."""
+    if not mapping.header:
+        return []
+    for number, cells in _split(text, source, mapping.delimiter):
+        if number <= mapping.skip_rows or not any(cell.strip() for cell in cells):
+            continue
+        used = set(_places(source, number, cells, mapping).values())
+        left = [
+            f"'{cell.strip()}'"
+            for place, cell in enumerate(cells)
+            if place not in used and cell.strip()
+        ]
+        more = len(left) - _MOST_NAMED
+        if not left:
+            return []
+        shown = ", ".join(left[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+        what = f"column {shown} is" if len(left) == 1 else f"columns {shown} are"
+        return [f"{what} not used: the mapping does not name {'it' if len(left) == 1 else 'them'}"]
+    return []
 
 
 def _mapping(path: str) -> tuple[TableMapping, str]:
@@ -332,7 +365,10 @@ def _lines(
         lines=found.lines,
         machine_text=case.machine_text("the mapping file") if mapping.chain else "",
         facts=facts,
-        remarks=(OVERRUN_UNDETERMINED,) if untold else (),
+        remarks=(
+            *((OVERRUN_UNDETERMINED,) if untold else ()),
+            *overrun_passed_over(overrun, found.lines),
+        ),
         chain=mapping.chain,
         further=further,
     )

@@ -19,7 +19,7 @@ from stepdiag_ros.metrology.geometry import AXES, EDGE, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINEAR
 from stepdiag_ros.metrology.solvers.observations import Integers
-from stepdiag_ros.metrology.standards.axis_test import NO_OVERRUN, BidirectionalRuns, all_runs
+from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns, all_runs
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ReversedAxis:
 
     @property
     def _tell(self) -> slice:
-        return slice(1, -1) if NO_OVERRUN in self.runs.remarks else slice(None)
+        return slice(1, -1) if self.runs.ends_in_doubt else slice(None)
 
     def mean(self, rows: Integers) -> tuple[float, float, float]:
         """Return B̄ at some targets, its standard uncertainty, m, and the degrees of freedom of it.
@@ -180,9 +180,7 @@ def _which(
     first: Mapping[str, ReversedAxis], second: Mapping[str, ReversedAxis], names: list[str]
 ) -> str:
     """Say the runs of which measurement are not known to begin beyond the ends."""
-    lack = [
-        any(NO_OVERRUN in axes[name].runs.remarks for name in names) for axes in (first, second)
-    ]
+    lack = [any(axes[name].runs.ends_in_doubt for name in names) for axes in (first, second)]
     if all(lack):
         return "the runs"
     return "the runs before" if lack[0] else "the runs after"

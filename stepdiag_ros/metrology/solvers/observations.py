@@ -4,6 +4,7 @@ Readings of one setup share one alignment and one unknown zero. Their noise is i
 differences between them are not.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs, moving_axis
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
-from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, Volume
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
 
@@ -287,11 +288,17 @@ def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
     Raises:
         ValueError: a moving axis stands beside the nodes of the volume at a stop.
     """
-    counted = (line.target - np.asarray(volume.origin)) / np.asarray(volume.step)
-    nearest = np.rint(counted)
-    beside = (np.abs(counted - nearest) > _OFF_GRID) | (nearest < 0) | (nearest > volume.blocks)
-    beside &= signs != 0
+    nearest, beside = _nearest_nodes(line, volume, signs)
     if np.any(beside):
+        if _is_uneven(line):
+            raise Refusal(
+                f"line {line.line}: its targets are not evenly spaced, and error curves and the"
+                " diagnosis need targets at the nodes of the measured volume. 'stepdiag iso230'"
+                " evaluates this line",
+                fault="mismatch",
+                about=line.line.name,
+                aspect="spacing",
+            )
         stop, axis = np.argwhere(beside)[0]
         raise Refusal(
             f"line {line.line}: stop {stop} has {AXES[axis]} = {line.target[stop, axis]:g} m, "
@@ -302,6 +309,45 @@ def nodes_of(line: MeasuredLine, volume: Volume, signs: Integers) -> Integers:
         )
     nodes: Integers = np.where(signs != 0, nearest, -1).astype(np.int64)
     return nodes
+
+
+def unevenly_spaced(lines: Iterable[MeasuredLine], volume: Volume) -> tuple[str, ...]:
+    """Return the lines whose targets are not evenly spaced and lie beside the nodes of a volume.
+
+    Args:
+        lines: as they were measured.
+        volume: the measured box.
+
+    Returns:
+        names such as ``x`` or ``ppp``, each once, in the order of measurement.
+    """
+    return tuple(
+        dict.fromkeys(
+            line.line.name
+            for line in lines
+            if _is_uneven(line)
+            and np.any(_nearest_nodes(line, volume, line_signs(line.line.name))[1])
+        )
+    )
+
+
+def _nearest_nodes(
+    line: MeasuredLine, volume: Volume, signs: Integers
+) -> tuple[Vector, NDArray[np.bool_]]:
+    """Return the nearest node of each axis, and whether a moving axis stands beside it."""
+    counted = (line.target - np.asarray(volume.origin)) / np.asarray(volume.step)
+    nearest: Vector = np.rint(counted)
+    beside = (np.abs(counted - nearest) > _OFF_GRID) | (nearest < 0) | (nearest > volume.blocks)
+    return nearest, beside & (signs != 0)
+
+
+def _is_uneven(line: MeasuredLine) -> bool:
+    """Say whether the targets of a line along an axis or a diagonal lie beside an even grid."""
+    if line.line.kind not in (LINEAR, DIAGONAL) or len(line.target) < 3:
+        return False
+    even = np.linspace(line.target[0], line.target[-1], len(line.target))
+    step = np.max(np.abs(even[1] - even[0]))
+    return bool(np.max(np.abs(line.target - even)) > _OFF_GRID * step)
 
 
 def _line_uncertainty(own: Vector) -> Vector:

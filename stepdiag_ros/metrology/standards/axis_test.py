@@ -25,6 +25,12 @@ NO_OVERRUN = (
     " approached from both sides: the reversal error there may be too small"
 )
 
+WITHOUT_OVERRUN = (
+    "the runs begin at the end targets, not beyond them (no overrun), so these may not have been"
+    " approached from both sides: the reversal error there may be too small"
+)
+_ENDS_IN_DOUBT = {NO_OVERRUN, WITHOUT_OVERRUN}
+
 
 @dataclass(frozen=True)
 class BidirectionalRuns:
@@ -80,6 +86,11 @@ class BidirectionalRuns:
     def length(self) -> float:
         """Return the measured length: from the first to the last target, m."""
         return float(self.target[-1] - self.target[0])
+
+    @property
+    def ends_in_doubt(self) -> bool:
+        """Say whether the end targets may not have been approached from both sides."""
+        return not _ENDS_IN_DOUBT.isdisjoint(self.remarks)
 
 
 def all_runs(measurement: Measurement) -> tuple[BidirectionalRuns, ...]:
@@ -189,7 +200,8 @@ def runs_of(lines: Iterable[MeasuredLine], volume: Volume) -> BidirectionalRuns 
     if line.kind == STEP_DIAGONAL:
         remarks.append(ON_THE_DIAGONAL_BY_STEPS)
     if forward and backward and not all(one.overrun > 0.0 for one in lines):
-        remarks.append(NO_OVERRUN)
+        unknown = any(np.isnan(one.overrun) for one in lines)
+        remarks.append(NO_OVERRUN if unknown else WITHOUT_OVERRUN)
     empty = np.empty((0, len(along)))
     return BidirectionalRuns(
         name=name,

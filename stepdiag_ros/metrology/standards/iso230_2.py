@@ -69,6 +69,11 @@ class PositioningTest:
         return "ISO 230-6" if is_diagonal(self.kind) else "ISO 230-2"
 
     @property
+    def label(self) -> str:
+        """Return what the test is called beside others: its setup where that says more."""
+        return self.name if self.setup.lower() in ("", self.name.lower()) else self.setup
+
+    @property
     def mean(self) -> Vector:
         """Return x̄_i: mean bidirectional deviations, m, shape (m,)."""
         made: Vector = 0.5 * (self.mean_forward + self.mean_backward)

@@ -85,6 +85,11 @@ class UncertaintyDescription:
         section.finish()
         return cls(**values)
 
+    @property
+    def stated(self) -> bool:
+        """Say whether anything is known of the conditions."""
+        return len(self.unknown()) < len(fields(self))
+
     def unknown(self) -> tuple[str, ...]:
         """Return what is not known, in words."""
         return tuple(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -21,6 +22,7 @@ from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
 from stepdiag_ros.report.pages.sections.measurement import temperature_words
 from stepdiag_ros.report.tables.diagnosis import rivals_words
+from stepdiag_ros.report.tables.positioning import MEANINGS
 from stepdiag_ros.text.numbers import (
     UNKNOWN,
     WITHOUT_BUDGET,
@@ -31,6 +33,7 @@ from stepdiag_ros.text.numbers import (
 from stepdiag_ros.words.budget import LOWERED_BY
 from stepdiag_ros.words.diagnosis import sizes_words
 from stepdiag_ros.words.lead import laser_scale, missing_words, sentences_of
+from stepdiag_ros.words.positioning import decimals_of, leading_parameters, size_words
 from stepdiag_ros.words.proposal import proposed_sentences
 
 _MEANS = {
@@ -116,6 +119,8 @@ def judge(material: Material) -> ToleranceJudgement:
 def lead_of(material: Material) -> Lead:
     """Return what stands on the first page."""
     judged = judge(material)
+    if material.uneven and material.positioning is not None:
+        return _lead_of_tests(material, material.positioning, judged)
     tone, headline = _headline(material, judged)
     if judged.more_acts and tone != "bad":
         # Whatever the figures are, something is to be done about what acts beside them.
@@ -130,6 +135,36 @@ def lead_of(material: Material) -> Lead:
     sentences += [f"What to do: {first}", *(f"Then: {text}" for text in others)]
     facts = tuple(_facts(material, judged))
     return Lead(tone, headline, tuple(sentences), facts, _worst(material, judged, headline))
+
+
+def _lead_of_tests(
+    material: Material, positioning: PositioningReport, judged: ToleranceJudgement
+) -> Lead:
+    """Return what stands on the first page of tests at unevenly spaced targets."""
+    decimals = decimals_of(positioning.tests)
+    several = len(positioning.tests) > 1
+    figures, facts = [], []
+    for test in positioning.tests:
+        names = leading_parameters(test)
+        sizes = [
+            size_words(test.parameters[name], test.expanded_uncertainty[name], decimals)
+            for name in names
+        ]
+        figures.append(f"{test.name} {names[0]} = {sizes[0]}")
+        facts += [
+            Fact(f"{test.name}: {name}" if several else name, f"{size}, {MEANINGS[name]}")
+            for name, size in zip(names, sizes, strict=True)
+        ]
+    standard = " and ".join(dict.fromkeys(test.standard for test in positioning.tests))
+    sentences = sentences_of(material.lead)
+    if judged.verdict != NOT_ASKED:
+        sentences += _judged(judged)
+    sentences.append(f"Temperature of these results: {temperature_words(material)}.")
+    first, *others = what_to_do(material, judged)
+    sentences += [f"What to do: {first}", *(f"Then: {text}" for text in others)]
+    tone = "neutral" if material.lead.whole and judged.verdict == NOT_ASKED else "open"
+    facts += _identity(material)
+    return Lead(tone, f"{standard}: {'; '.join(figures)}", tuple(sentences), tuple(facts))
 
 
 def _worst(material: Material, judged: ToleranceJudgement, headline: str) -> str:
@@ -229,6 +264,14 @@ def _of_rotations(material: Material) -> str:
 def _of_laser(material: Material) -> str:
     """Say what the budget contains of laser, air and setup."""
     known = material.given.instrument_source
+    if not known and material.given.conditions.stated:
+        return (
+            "The measuring conditions were stated for the ISO 230 tests alone (--uncertainty): the"
+            " ± of a positioning error is at least the U that ISO 230-2 states for it, as far as"
+            " that U is known. The budget takes laser, air and setup from an instrument file"
+            " (--instrument) alone and does not contain them, so that every other ± is a lower"
+            " bound."
+        )
     if not known:
         return (
             "Nothing was stated about laser, air and setup (--instrument), so that the budget does"
@@ -292,7 +335,14 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
                 "measure lines that test each other, with repeats: nothing in this run could"
                 " contradict its figures."
             )
-    if not math.isfinite(judged.value) and run.whole:
+    if material.uneven:
+        tests = material.positioning
+        if tests is not None and tests.unknown:
+            said.append(
+                "state the measuring conditions (--uncertainty FILE), from which U follows."
+            )
+        said.append("to have error curves, measure at evenly spaced targets.")
+    elif not math.isfinite(judged.value) and run.whole:
         needed = run.remedy or "the lines that the whole volume still needs"
         said.append(
             f"measure {needed} as well; the section 'What is not known' lists what is unknown."
@@ -331,7 +381,7 @@ def _by_its_largest_source(material: Material) -> str:
 
 
 def _facts(material: Material, judged: ToleranceJudgement) -> list[Fact]:
-    accuracy, report = material.accuracy, material.report
+    accuracy = material.accuracy
     rms = math.nan if accuracy is None else accuracy.rms
     largest = judged.size
     if judged.noise:
@@ -343,6 +393,13 @@ def _facts(material: Material, judged: ToleranceJudgement) -> list[Fact]:
             f"{plain(rms * IN_MICRO, 2)} µm" if math.isfinite(rms) else UNKNOWN,
         ),
         Fact("Model and run", verdict_words(material)),
+        *_identity(material),
+    ]
+
+
+def _identity(material: Material) -> list[Fact]:
+    report = material.report
+    return [
         Fact("Machine", (report.machine or UNKNOWN) + (", simulated" if report.simulated else "")),
         Fact("Customer", material.given.customer or UNKNOWN),
     ]

@@ -25,10 +25,10 @@ from stepdiag_ros.evaluation.compensation import CompensationReport, compensatio
 from stepdiag_ros.evaluation.diagnosis import Ask, DiagnosisReport, build_diagnosis, with_proposal
 from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
 from stepdiag_ros.evaluation.flown import FlownRun, flown_run
-from stepdiag_ros.evaluation.lead import RunLead, lead_of
+from stepdiag_ros.evaluation.lead import RunLead, lead_of, uneven_of
 from stepdiag_ros.evaluation.positioning import PositioningReport, positioning_of
 from stepdiag_ros.evaluation.report import Report
-from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
+from stepdiag_ros.evaluation.single_errors import SingleError, at_least_of_tests, single_errors
 from stepdiag_ros.evaluation.volumetric import accuracies_of
 from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS
@@ -49,6 +49,7 @@ from stepdiag_ros.metrology.uncertainty.largest_error import (
 )
 from stepdiag_ros.metrology.uncertainty.repeats import Repeats, repeats_of
 from stepdiag_ros.report.pages.given import Given
+from stepdiag_ros.words.positioning import uneven_reason
 
 _Made = TypeVar("_Made")
 _PARTS = (
@@ -68,14 +69,14 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
 
     Args:
         recorded: the run.
-        why: in a sentence.
+        why: in a sentence; of lines with unevenly spaced targets a shorter one is taken.
     """
     name = recorded.machine.get("name", "")
+    uneven = uneven_of(recorded.measurement)
+    reason = uneven_reason(uneven) if uneven else _sentence(ValueError(why), recorded)
     return Report(
         results=(),
-        refused=dict.fromkeys(
-            in_order_of_reliance(solvers()), _sentence(ValueError(why), recorded)
-        ),
+        refused=dict.fromkeys(in_order_of_reliance(solvers()), reason),
         run_id=recorded.run_id,
         plan=recorded.plan.name,
         machine=name if isinstance(name, str) else "",
@@ -211,6 +212,20 @@ class Material:
             return Repeats(nan, 0.0, nan, nan, 0, np.empty(0))
 
     @cached_property
+    def uneven(self) -> tuple[str, ...]:
+        """Return the lines whose targets are not evenly spaced, which no method can use."""
+        return uneven_of(self.measurement)
+
+    @property
+    def repeated(self) -> bool:
+        """Say whether a line was measured more than once in one direction."""
+        passes = [
+            (line.setup, line.line.name, line.line.order, line.line.direction)
+            for line in self.measurement.lines
+        ]
+        return len(set(passes)) < len(passes)
+
+    @cached_property
     def positioning(self) -> PositioningReport | None:
         """Return the tests by ISO 230-2 and ISO 230-6; None where no line is complete."""
         return self._made_or_missing(
@@ -269,7 +284,9 @@ class Material:
         preferred = self.report.preferred()
         if preferred is None:
             return ()
-        return single_errors(preferred, None if self.budget is None else self.budget.budget)
+        known = single_errors(preferred, None if self.budget is None else self.budget.budget)
+        tests = () if self.positioning is None else self.positioning.tests
+        return at_least_of_tests(known, tests)
 
     @property
     def lower_bound(self) -> bool:
@@ -297,6 +314,8 @@ class Material:
         """
 
         def made() -> DiagnosisReport:
+            if self.uneven:
+                raise ValueError(uneven_reason(self.uneven))
             lines_alone = replace(self.measurement, direct=None)
             report = build_diagnosis(
                 lines_alone,
@@ -334,6 +353,7 @@ class Material:
             self.accuracy,
             self.expanded_uncertainty,
             self.single_errors,
+            self.positioning,
         )
 
     @cached_property

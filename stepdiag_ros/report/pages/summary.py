@@ -25,6 +25,7 @@ from stepdiag_ros.report.pages.sections.measurement import (
     origin_facts,
     temperature_words,
 )
+from stepdiag_ros.text.extent import moved_axes
 from stepdiag_ros.text.numbers import UNKNOWN, with_expanded
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS
@@ -86,14 +87,18 @@ def _errors(material: Material) -> Table:
         "travel / mm",
     )
     table.columns[1].number = False
+    moved = moved_axes(line.line for line in material.measurement.lines)
     for one in material.single_errors:
+        # Of a squareness, the axis that is out of square.
+        axis = one.name[3:] or one.name[2]
+        travel = f"{one.travel * IN_MILLI:.0f}" if axis in moved else "not moved"
         known = math.isfinite(one.value)
         size = with_expanded(one.value, one.expanded_uncertainty, IN_MICRO) if known else UNKNOWN
         angle = ""
         if known and math.isfinite(one.angle):
             angle = with_expanded(one.angle, one.expanded_uncertainty / one.travel, IN_MICRO)
         what = one.words.replace(f" {one.name}", "")
-        table.add_row(one.name, what, size, angle, f"{one.travel * IN_MILLI:.0f}")
+        table.add_row(one.name, what, size, angle, travel)
     return table
 
 

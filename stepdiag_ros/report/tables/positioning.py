@@ -59,9 +59,7 @@ def parameter_table(test: PositioningTest, published: Published | None, decimals
 def parameters_table(tests: Sequence[PositioningTest], decimals: int) -> Table:
     """Return the parameters of several axes, a column each."""
     head = head_of(one for test in tests for one in test.expanded_uncertainty.values())
-    table = new_table(
-        f"{tests[0].standard}: {head}", "", "", *(test.setup or test.name for test in tests)
-    )
+    table = new_table(f"{tests[0].standard}: {head}", "", "", *(test.label for test in tests))
     table.columns[1].number = False
     for name in PARAMETERS:
         cells = (
@@ -119,7 +117,7 @@ def group_tables(group: DiagonalGroup, decimals: int) -> list[Table]:
     every = head_of(test.expanded_uncertainty[name] for test in group.tests for name in ("B", "E"))
     for label, test in zip(group.labels, group.tests, strict=True):
         each.add_row(
-            f"{test.setup or test.name} ({label})",
+            f"{test.label} ({label})",
             *(
                 cell_below(test.parameters[name], test.expanded_uncertainty[name], decimals, every)
                 for name in ("B", "E")

@@ -13,9 +13,9 @@ from refused import a_fault, refused
 from stepdiag_ros.bags.axis_table import read_axis_table
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.imported import ImportOptions
-from stepdiag_ros.bags.imports.made import NO_CHAIN, farthest_reading
+from stepdiag_ros.bags.imports.made import NO_CHAIN, farthest_reading, unequal_runs
 from stepdiag_ros.bags.imports.mapping import mapping_of
-from stepdiag_ros.bags.imports.registry import import_file, read_file
+from stepdiag_ros.bags.imports.registry import import_file, import_files, read_file
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
 from stepdiag_ros.configuration import available, find, read_text
@@ -323,3 +323,43 @@ def test_the_command_says_what_it_made_and_refuses_in_one_sentence(tmp_path, cap
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert re.search("has no known format.*--mapping", error)
     assert not list(tmp_path.glob("*c.mcap*"))
+
+
+def test_columns_without_a_use_and_missing_runs_are_named(tmp_path):
+    mapping = written(tmp_path, "runs_in_columns", lambda parsed: parsed["runs"].pop())
+    bag = tmp_path / "a.mcap"
+    made = import_file(COLUMNS, bag, by(mapping))
+    (unused,) = (one for one in made.remarks if "not used" in one)
+    assert "'Run 2 rev (µm)'" in unused and "fwd" not in unused
+    (missing,) = unequal_runs(load_run(bag))
+    assert re.search(r"\bx\b.*\b2\b.*\b1\b", missing)
+
+
+def test_a_table_that_is_used_whole_has_no_such_note(tmp_path):
+    bag = tmp_path / "a.mcap"
+    made = import_file(COLUMNS, bag, by("runs_in_columns"))
+    assert not any("not used" in one for one in made.remarks)
+    assert unequal_runs(load_run(bag)) == []
+
+
+def test_of_many_columns_without_a_use_a_few_are_named(tmp_path):
+    text = "target,deviation," + ",".join(f"more {n}" for n in range(20))
+    rows = [f"{target},0" + ",1" * 20 for target in (0, 10, 20)]
+    path, mapping = tmp_path / "wide.csv", tmp_path / "wide.yaml"
+    path.write_text("\n".join([text, *rows]))
+    mapping.write_text(
+        "table: axis\ncolumns: {target: target, deviation: deviation}\naxis: X\n"
+        "units: {target: mm, deviation: um}\n"
+    )
+    (unused,) = (one for one in read_file(path, by(str(mapping)))[1].remarks if "not used" in one)
+    assert "'more 0'" in unused and "'more 19'" not in unused and "15" in unused
+
+
+def test_one_mapping_reads_all_files_of_a_measurement(tmp_path):
+    other = tmp_path / "other.csv"
+    other.write_bytes(COLUMNS.read_bytes().replace(b"0,82", b"0,83"))
+    both = [by("runs_in_columns", axis=axis) for axis in "XY"]
+    made = import_files([COLUMNS, other], tmp_path / "a.mcap", both)
+    assert {line.line.name for line in made.lines} == {"x", "y"}
+    with refused(TableError):
+        import_files([COLUMNS, DATA / "made_up_axis.rtl"], tmp_path / "b.mcap", both)

@@ -16,6 +16,8 @@ from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NAMED
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import STEP_DIAGONAL
+from stepdiag_ros.metrology.standards.axis_test import WITHOUT_OVERRUN, all_runs
+from stepdiag_ros.metrology.standards.iso230_2 import evaluate
 
 LOST_MOTION, NOISE = 1.5e-6, 0.1e-6
 TARGETS = np.arange(0.0, 0.31, 0.03)
@@ -102,3 +104,40 @@ def test_of_mapped_lines_those_along_an_axis_begin_nobody_knows_where():
     for line in made.lines:
         assert math.isnan(line.overrun) == (line.line.kind != STEP_DIAGONAL)
     assert any("--overrun" in one for one in made.remarks) == (len(kinds) > 1)
+
+
+@pytest.mark.parametrize("overrun", [0.0, 0.002])
+def test_a_stated_overrun_that_does_not_apply_to_step_diagonals_is_named(overrun):
+    source = DATA / "made_up_step_diagonal.txt"
+    _, made = read_file(source, ImportOptions(mapping="step_diagonal_stops", overrun=overrun))
+    assert {line.overrun for line in made.lines if line.line.kind == STEP_DIAGONAL} == {0.0}
+    assert any("step diagonals" in one for one in made.remarks) == (overrun > 0.0)
+    (test, *_) = all_runs(Measurement(made.volume, made.lines))
+    assert WITHOUT_OVERRUN in test.remarks
+
+
+def test_b_of_iso_230_2_contains_all_targets_whatever_is_known_of_the_overrun(table):
+    path, _ = table
+    made = read_file(path, ImportOptions(axis="X"))[1]
+    (runs,) = all_runs(Measurement(made.volume, made.lines))
+    found = evaluate(runs)
+    assert len(found.reversal) == len(TARGETS) and runs.ends_in_doubt
+    assert found.parameters["mean B"] == np.mean(found.reversal)
+    (said,) = (one for one in made.remarks if "--overrun" in one)
+    assert "mean B" in said and "diagnosis" in said
+
+
+def test_of_a_run_table_too_the_overrun_of_step_diagonals_is_named(tmp_path, capsys):
+    table = DATA.parent / "cases" / "four_diagonals" / "run.csv"
+    assert main(["import", str(table), str(tmp_path / "a.mcap"), "--overrun", "0.002"]) == 0
+    assert "overrun" in capsys.readouterr().err
+    assert main(["import", str(table), str(tmp_path / "b.mcap")]) == 0
+    assert "overrun" not in capsys.readouterr().err
+
+
+def test_of_uneven_targets_no_further_lines_are_asked_for(tmp_path, capsys):
+    table = tmp_path / "x.csv"
+    rows = [f"1,forward,{target},{target}" for target in (0, 10, 25)]
+    table.write_text("\n".join(["cycle,direction,target_mm,position_mm", *rows]))
+    assert main(["import", str(table), "--axis", "X"]) == 0
+    assert "do not determine" not in capsys.readouterr().err

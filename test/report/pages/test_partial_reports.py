@@ -40,7 +40,7 @@ from stepdiag_ros.report.pages.lead import (
 )
 from stepdiag_ros.report.pages.page import chapter, page
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio, draw, studio
-from stepdiag_ros.report.pages.summary import DECISIONS, _decision
+from stepdiag_ros.report.pages.summary import DECISIONS, TITLE_OF_ERRORS, _decision
 from stepdiag_ros.text.table import Column, Table
 
 HEAD = """\
@@ -115,6 +115,11 @@ def test_one_axis_has_its_test_and_nothing_else_is_claimed(parts):
     assert document["sections"]["readings"]["repeats"]["standard_deviation_of_a_reading"] is None
     assert document["sections"]["table_one"] is None
     assert document["sections"]["compensation"] is None
+    assert told.facts()["Measured box"] == "X 0 to 90 mm, at Y 0, Z 0 mm"
+    assert not told.facts()["A stop"].startswith("unknown")
+    travels = {row[0]: row[-1] for row in told.tables[TITLE_OF_ERRORS][1:]}
+    assert {name for name, text in travels.items() if text == "90"} == {"E_XX", "E_YX", "E_ZX"}
+    assert {text for text in travels.values() if text != "90"} == {"not moved"}
     assert told.headings[0] in (
         "This run tells only a part of the machine's errors",
         "This run does not tell the machine's errors",
@@ -375,6 +380,39 @@ def test_a_test_of_an_axis_at_uneven_targets_is_still_reported(tmp_path):
     document = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     (test,) = document["sections"]["axes"]["tests"]
     assert test["name"] == "X" and test["parameters"]["A"]["value"] > 0.0
-    assert told.headings[0] == "This run does not tell the machine's errors"
-    assert "not a node of the measured volume" in told.text
     assert document["summary"]["value"] is None
+    # The first page leads with what the standard asks for, and says once what is not evaluated.
+    facts, parameters = told.facts(), test["parameters"]
+    for name in ("A", "R", "E", "M", "B"):
+        shown = float(facts[name].split()[0])
+        assert shown == pytest.approx(parameters[name]["value"] * 1e6, abs=1e-3)
+    assert told.headings[0].startswith("ISO 230-2: X A = ")
+    said = document["summary"]["sentences"]
+    assert said[0].startswith("ISO 230-2, axis X")
+    assert sum("need evenly spaced targets" in text for text in said) == 1
+    assert "NOT DIAGNOSED" not in " ".join(said) and "not a node" not in told.text
+    assert "how far readings repeat is unknown" not in told.text
+    assert document["sections"]["curves"]["lead"]["verdict"]["name"] == "NOT DIAGNOSED"
+    # Nobody measured a box, nor states how the readings at a stop were taken.
+    assert facts["Measured box"] == "X -400 to 0 mm, at Y 0, Z 0 mm"
+    assert facts["A stop"].startswith("unknown")
+
+
+def test_a_positioning_error_has_no_smaller_u_than_iso_230_2_states_for_it(tmp_path):
+    text = f"{HEAD}repeats: 5\ndirections: [forward, backward]\noverrun_m: 0.002\n"
+    bag, conditions = tmp_path / "axis.mcap", tmp_path / "conditions.yaml"
+    write_bag(bag, f"{text}lines:\n  - {{kind: linear, names: [x]}}\n")
+    conditions.write_text(
+        "device_U_m_per_m: 1.0e-4\nmisalignment_m: 0.0\ntemperature_range_K: 0.5\n"
+        "expansion_coefficient_per_K: 11.5e-6\nexpansion_range_per_K: 2.0e-6\n"
+        "temperature_difference_K: 0.9\nenvironmental_variation_m: 0.5e-6\n"
+    )
+    assert main(["report", str(bag), "--json", "--uncertainty", str(conditions)]) == 0
+    document = json.loads((tmp_path / "axis_report" / "report.json").read_text(encoding="utf-8"))
+    (test,) = document["sections"]["axes"]["tests"]
+    (error,) = (one for one in document["summary"]["single_errors"] if one["name"] == "E_XX")
+    stated = test["parameters"]["M"]["expanded_uncertainty"]
+    assert stated > 5e-6
+    assert error["expanded_uncertainty"] == pytest.approx(stated)
+    said = " ".join(document["summary"]["sentences"])
+    assert "Nothing was stated" not in said and "--uncertainty" in said

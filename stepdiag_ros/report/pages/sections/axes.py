@@ -57,7 +57,7 @@ def remarks_of(tests: Sequence[PositioningTest]) -> list[str]:
     about: dict[str, list[str]] = {}
     for test in tests:
         for remark in test.remarks:
-            about.setdefault(remark, []).append(test.setup or test.name)
+            about.setdefault(remark, []).append(test.label)
     return [f"{', '.join(names)}: {remark}." for remark, names in about.items()]
 
 

@@ -17,6 +17,7 @@ from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.run import curve_tables, fit_table, setup_table, translation_tables
 from stepdiag_ros.text.numbers import WITHOUT_BUDGET
 from stepdiag_ros.text.table import with_rows
+from stepdiag_ros.words.positioning import uneven_reason
 
 _BESIDE = ("conventional", "setup_robust")
 """Methods that are drawn beside each other."""
@@ -25,6 +26,8 @@ _BESIDE = ("conventional", "setup_robust")
 def _tell(material: Material) -> SectionContent | str:
     report = material.report
     preferred = report.preferred()
+    if material.uneven:
+        return uneven_reason(material.uneven)
     if preferred is None:
         methods: dict[str, list[str]] = {}
         for method, why in report.refused.items():

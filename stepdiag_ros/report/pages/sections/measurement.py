@@ -10,10 +10,9 @@ import numpy as np
 from stepdiag_ros import __version__
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.evaluation.flown import FlownRun
-from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.plots.places import FLAT, HALF
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact
@@ -21,6 +20,7 @@ from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.pages.tracker_facts import tracker_facts
 from stepdiag_ros.schemas import number
+from stepdiag_ros.text.extent import extent_words
 from stepdiag_ros.text.intake import parse_yaml
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
@@ -149,7 +149,7 @@ def condition_facts(material: Material) -> list[Fact]:
 def temperature_words(material: Material) -> str:
     """Say at which temperature the results hold: a report corrects nothing to 20 °C."""
     words = "that of the machine during the run; stepdiag_ros corrected nothing to 20 °C"
-    if material.header is not None and "source_file" in material.header.facts:
+    if is_imported(material):
         return f"{words}, and whether the source of the imported readings did is unknown"
     return words
 
@@ -167,26 +167,43 @@ def origin_facts(material: Material) -> list[Fact]:
 def plan_facts(material: Material) -> list[Fact]:
     """Return the plan: measured box, lines, feed and stops."""
     plan = material.recorded.plan
-    volume = plan.volume
-    corner = ", ".join(plain(one * IN_MILLI, 1) for one in volume.origin)
-    size = " × ".join(plain(step * volume.blocks * IN_MILLI, 1) for step in volume.step)
     feed = f"{plan.feed * 60e3:.0f} mm/min" if plan.feed > 0.0 else UNKNOWN
-    sampling = plan.sampling
     return [
         Fact("Plan", plan.name or UNKNOWN),
-        Fact("Measured box", f"{size} mm ({', '.join(AXES)}), first corner at {corner} mm"),
+        Fact("Measured box", extent_words(plan)),
         *(_line_facts(plan) if plan.tracker is None else tracker_facts(plan, plan.tracker)),
         Fact("Feed", feed),
         *_flown_facts(material),
-        Fact("Ends of a line", f"stays {sampling.dwell:g} s at least")
-        if material.flown
-        else Fact(
-            "A stop",
-            f"stays {sampling.dwell:g} s at least; mean of {sampling.window:g} s of readings from"
-            f" {sampling.settle:g} s after arrival, which must scatter less than"
-            f" {sampling.standard_deviation_limit * IN_MICRO:g} µm",
-        ),
+        _stop_fact(material),
     ]
+
+
+def _stop_fact(material: Material) -> Fact:
+    """Return how the stops were read; a table that was imported does not state it."""
+    sampling = material.recorded.plan.sampling
+    if material.flown:
+        return Fact("Ends of a line", f"stays {sampling.dwell:g} s at least")
+    if is_imported(material) and not _states_sampling(material):
+        return Fact("A stop", f"{UNKNOWN} (imported table)")
+    return Fact(
+        "A stop",
+        f"stays {sampling.dwell:g} s at least; mean of {sampling.window:g} s of readings from"
+        f" {sampling.settle:g} s after arrival, which must scatter less than"
+        f" {sampling.standard_deviation_limit * IN_MICRO:g} µm",
+    )
+
+
+def is_imported(material: Material) -> bool:
+    """Say whether the bag was made from a file of another program."""
+    return material.header is not None and "source_file" in material.header.facts
+
+
+def _states_sampling(material: Material) -> bool:
+    """Say whether the plan in the bag states how stops are read, or the bag has the readings."""
+    recorded = material.recorded
+    plan = parse_yaml(recorded.plan_text, f"{recorded.path}: plan")
+    stated = isinstance(plan, Mapping) and "sampling" in plan
+    return stated or next(iter(recorded.readings()), None) is not None
 
 
 def _flown_facts(material: Material) -> list[Fact]:

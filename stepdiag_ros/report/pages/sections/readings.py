@@ -20,6 +20,11 @@ _STOPS_SHOWN = 3
 _LATE_NS = 1_000_000_000
 """Readings are looked for so long before and after the stops that are shown."""
 NO_REPEATS = "No line was measured twice in one direction: how far readings repeat is unknown."
+_ELSEWHERE = (
+    "The scatter of repeated passes was not computed: it needs three or more stops at nodes of the"
+    " measured box. The section on ISO 230-2 states how far the readings repeat: R, and s at every"
+    " target."
+)
 
 
 def _table(material: Material) -> Table:
@@ -117,7 +122,7 @@ def _tell(material: Material) -> SectionContent | str:
         {
             "taken": _table(material),
             "repeats": repeated,
-            "no_repeats": [] if repeated else [NO_REPEATS],
+            "no_repeats": [] if repeated else [_ELSEWHERE if material.repeated else NO_REPEATS],
         },
         drawings,
     )

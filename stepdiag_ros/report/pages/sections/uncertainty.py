@@ -34,7 +34,7 @@ def _tell(material: Material) -> SectionContent | str:
         " not known, do not act, or round to zero, are in the list of the inputs alone.",
         f'Laser, air, material and setup: as stated by the instrument file "{known}".'
         if known
-        else "Nothing was stated about laser, air, material and setup (--instrument), so that the"
+        else "No instrument file states laser, air, material and setup (--instrument), so that the"
         " sums contain only what the readings show of themselves and the angular errors; every U is"
         " a lower bound.",
     ]

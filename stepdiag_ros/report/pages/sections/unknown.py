@@ -6,6 +6,7 @@ from stepdiag_ros.evaluation.report import method_title
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.pages.sections.readings import NO_REPEATS
+from stepdiag_ros.words.positioning import uneven_reason
 
 _GIVEN = {
     "customer": "the customer (--customer)",
@@ -30,12 +31,15 @@ def unknowns(material: Material) -> dict[str, list[str]]:
         if one.complete < one.planned
     ]
     preferred = report.preferred()
-    if preferred is None:
+    if material.uneven:
+        reason = uneven_reason(material.uneven)
+        errors = [f"All error curves: {reason[:1].lower()}{reason[1:]}"]
+    elif preferred is None:
         errors = ["All error curves: the lines are not enough for any method."]
     else:
         title = method_title(preferred.method)
         errors = [f"{title}: {text.rstrip('.')}." for text in preferred.not_determined]
-    repeats = [] if material.repeats.reading_freedom > 0 else [NO_REPEATS]
+    repeats = [] if material.repeats.reading_freedom > 0 or material.repeated else [NO_REPEATS]
     unsure = [] if material.budget is None else list(material.budget.budget.remarks)[:1]
     tests = [] if material.positioning is None else list(material.positioning.unknown)
     if tests:
