@@ -78,8 +78,10 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
     # A path is meant where it has an ending; a name of the package has none.
     near = nearest(path, beside) if path.suffix else near
     hint = f"did you mean {near}? Give" if near else "give"
+    is_path = path.suffix or len(path.parts) > 1
+    why = ", because this file does not exist" if is_path else ""
     raise Refusal(
-        f"there is no {what} '{name_or_path}': {hint} the path of a YAML file"
+        f"there is no {what} '{name_or_path}'{why}: {hint} the path of a YAML file"
         f" or one of {', '.join(available(folder))}",
         fault="not_found",
     )

@@ -181,6 +181,8 @@ def main() -> int:
         result = supervisor.measure(arguments[0])
     except (TimeoutError, Halted) as error:
         sys.exit(str(error))
+    if result.outcome == Measure.Result.OUTCOME_REFUSED:
+        sys.exit(result.text)
     verdict = supervisor.verdict
     found = Decision(CALL_SERVICE, "there is no verdict on this run")
     if verdict.run_id and verdict.run_id == result.run_id:

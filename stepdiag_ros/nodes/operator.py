@@ -105,7 +105,10 @@ class OperatorNode(StepdiagNode):
                 raise ValueError(f"there is no server for the service {service}")
             future = client.call_async(Trigger.Request())
             if not self.spin_until(future.done, SERVICE_LIMIT):
-                raise ValueError(f"the service {service} does not answer")
+                raise ValueError(
+                    f"the service {service} does not answer: it is unknown whether the command was"
+                    " executed. 'stepdiag watch --once' shows the state of the run"
+                )
             response = future.result()
         finally:
             self.destroy_client(client)

@@ -232,7 +232,7 @@ def _draw_shares(axes: Axes, name: str, shares: Sequence[Share], noise: float) -
             color="black",
             linestyle="--",
             linewidth=1.0,
-            label="noise of a reading",
+            label="noise of a stop",
         )
     labels = [share.part for share in shares]
     if len(labels) <= _FEW_PARTS:
@@ -382,7 +382,7 @@ def gap_figures(
         factor = IN_MICRO if unit else 1.0
         _two_bars(panel, [value * factor for value in values], ("before", "after"))
         if np.isfinite(line):
-            label = "noise of a reading" if unit else "nothing is missing"
+            label = "noise of a stop" if unit else "nothing is missing"
             style = "--" if unit else ":"
             panel.axhline(line, color="black", linestyle=style, linewidth=1.0, label=label)
         panel_title(panel, f"{words} / {unit}" if unit else words)
@@ -474,7 +474,7 @@ def held_out(
             label=label,
         )
     zero_line(left)
-    scales(left, "held-out reading, in the order of measurement", "measured - predicted / µm")
+    scales(left, "held-out stop, in the order of measurement", "measured - predicted / µm")
     _two_bars(right, [proof.before.reduced, proof.after.reduced], ("without", "with"))
     right.axhline(1.0, color="black", linestyle="--", linewidth=1.0, label="nothing is missing")
     scales(right, up="χ² per degree of freedom")

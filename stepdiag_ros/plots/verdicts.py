@@ -83,7 +83,7 @@ def visibility(
         panel_title(panel, words)
     said = [
         f"Standard uncertainty at the last node; {visibility.rank} of {visibility.unknowns} free"
-        f" values are determined by {visibility.readings} readings.",
+        f" values are determined by {visibility.readings} stops.",
         *(f"{row.name}: {row.words}." for row in extra),
     ]
     if not visibility.chain:

@@ -197,9 +197,9 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """The noise of a reading."""
+    """The noise of a stop."""
 
-    standard_deviation_m: Annotated[Uncertainty, means("Of one reading, m.")]
+    standard_deviation_m: Annotated[Uncertainty, means("Of the value of one stop, m.")]
     degrees_of_freedom: Annotated[Uncertainty, means("Of that estimate.")]
     correlation: Annotated[
         Annotated[float, Meta(ge=-1, le=1)] | None,
@@ -331,7 +331,7 @@ class Verdict:
         ),
     ]
     tested: Annotated[Count, means("Number of candidates tried.")]
-    noise: Annotated[Noise, means("Noise of a reading.")]
+    noise: Annotated[Noise, means("Noise of a stop.")]
     before: Annotated[Fit, means("The run under the model as it was, all its free values fitted.")]
     after: Annotated[
         Fit, means("The same with the findings (where UNEXPLAINED: with `partial`) fitted too.")
@@ -446,7 +446,7 @@ class Proof:
     """The proof of the findings on held-out readings."""
 
     split: Annotated[str, means("What was held out, in words.")]
-    readings: Annotated[Count, means("Number of them.")]
+    readings: Annotated[Count, means("Number of held-out stops.")]
     effects: Annotated[Words, means("Labels of those proven.")]
     named_by_the_other_readings_alone: Annotated[
         bool, means("The other readings alone name the same.")

@@ -41,7 +41,7 @@ class Visibility:
     stop_uncertainty: Annotated[
         Uncertainty, means("Standard uncertainty of a stop, root mean square, m.")
     ]
-    readings: Annotated[int, Meta(ge=1)]
+    readings: Annotated[int, Meta(ge=1), means("Number of stops.")]
     unknowns: Annotated[int, Meta(ge=1)]
     rank: Annotated[
         int, Meta(ge=1), means("Number of independent sums of the unknowns that are determined.")

@@ -109,6 +109,11 @@ def test_a_run_is_supervised_to_its_end_and_a_silent_sequencer_is_a_fault(cell, 
     assert any(str(bag) in out and last.run_id in bag.name for bag in cell.folder.glob("*.mcap"))
     assert supervisor.returncode == 1 and "unknown" in out and "NOT TESTABLE" in out
 
+    supervisor = started(EXAMPLE, "nonsense")
+    out, err = ended(cell, supervisor)
+    # Of a refused goal only the reason is of use: there is no run, no verdict and no bag.
+    assert supervisor.returncode == 1 and not out and "nonsense" in err and "Traceback" not in err
+
     for end in (SIGINT, SIGTERM):
         supervisor = started(EXAMPLE, plan)
         cell.wait(lambda: cell.state() is State.RUNNING, "another run is on")

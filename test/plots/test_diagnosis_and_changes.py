@@ -102,7 +102,7 @@ def test_where_the_gap_is_names_the_parts_that_are_more_than_noise(diagnosed):
     shares = [one for one in diagnosis.map if one.split == "line"]
     drawn = sorted((bar.get_x() + 0.375, bar.get_height()) for bar in panel.patches)
     np.testing.assert_allclose([height for _, height in drawn], [s.rms * 1e6 for s in shares])
-    assert "noise of a reading" in panel.get_legend_handles_labels()[1]
+    assert "noise of a stop" in panel.get_legend_handles_labels()[1]
 
 
 def test_the_gap_before_and_after_in_figures(diagnosed):

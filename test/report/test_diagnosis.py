@@ -148,7 +148,7 @@ def test_the_verdict_comes_first_then_where_then_what():
     row = next(line for line in text.splitlines() if "0.812 ± 0.020 µm" in line)
     assert "345.7" in row and "< 0.0001" in row and "0.97" in row
     assert "leaves χ² larger by 333" in text
-    assert "Noise of a reading: 0.1 µm (10 degrees of freedom" in text
+    assert "Noise of a stop: 0.1 µm (10 degrees of freedom" in text
 
 
 def test_before_and_after_are_side_by_side():
@@ -197,7 +197,7 @@ def test_not_testable_has_unknown_figures_and_no_false_ones():
         )
     )
     text = _text(report)
-    assert "Noise of a reading: unknown" in text
+    assert "Noise of a stop: unknown" in text
     assert "nan" not in text
     document = json.loads(diagnosis_json(report))
     assert document["noise"]["standard_deviation_m"] is None
@@ -237,7 +237,7 @@ def _proof():
 def test_the_proof_is_told_and_drawn():
     report = _report(_diagnosis(NAMED, (FOUND,)), held_out=_proof())
     text = _text(report)
-    assert "Held out: the last repeat (6 readings)" in text
+    assert "Held out: the last repeat (6 stops)" in text
     assert "to χ²/dof 0.900, without it to 10.000" in text
     assert diagnosis_document(report)["held_out"]["after"]["rms_m"] == pytest.approx(1e-7)
     assert "held_out" in draw_diagnosis(report)
@@ -427,7 +427,7 @@ def test_the_head_of_the_page_tells_the_verdict_what_it_means_and_the_figures(ve
     assert MEANING[verdict] in head
     assert "The X moves of x." in head
     assert ("0.812 ± 0.020 µm" in head) == bool(found)
-    assert "<dt>noise of a reading</dt><dd>0.1 µm</dd>" in head
+    assert "<dt>noise of a stop</dt><dd>0.1 µm</dd>" in head
     ratio = "4.95 → 1.00" if found else "4.95"
     assert f"<dt>χ² per degree of freedom</dt><dd>{ratio}</dd>" in head
     assert "<dt>the same, held out</dt><dd>10.00 → 0.90</dd>" in head

@@ -95,7 +95,7 @@ class HeldOut:
             " theirs, not the name"
         )
         return (
-            f"Held out: {self.split} ({self.readings:,} readings). {who}; with it they predict what"
+            f"Held out: {self.split} ({self.readings:,} stops). {who}; with it they predict what"
             f" was held out to χ²/dof {self.after.reduced:.3f}, without it to"
             f" {self.before.reduced:.3f}. Of the held-out readings the effect itself explains"
             f" Δχ² = {self.gain:.1f} (p {_chance_words(self.gain_p_value)})."

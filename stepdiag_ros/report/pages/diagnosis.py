@@ -82,7 +82,7 @@ def _tiles(report: DiagnosisReport) -> list[Fact]:
             text += f" → {micro(rms_and_largest(diagnosis.residual_after)[0])}"
         tiles.append(Fact("gap (rms)", text))
     if diagnosis.noise > 0.0:
-        tiles.append(Fact("noise of a reading", micro(diagnosis.noise)))
+        tiles.append(Fact("noise of a stop", micro(diagnosis.noise)))
     fits = [(diagnosis.chi_squared_before, diagnosis.degrees_of_freedom_before)]
     if report.findings:
         fits.append((diagnosis.chi_squared_after, diagnosis.degrees_of_freedom_after))

@@ -47,7 +47,7 @@ def known_sentences(diagnosis: Diagnosis) -> list[str]:
         return []
     said = [
         f"Known: the gap is {two_digits(rms * IN_MICRO)} µm (rms),"
-        f" {two_digits(rms / diagnosis.noise)} times the noise of a reading, and"
+        f" {two_digits(rms / diagnosis.noise)} times the noise of a stop, and"
         f" {two_digits(largest * IN_MICRO)} µm where it is largest."
     ]
     if diagnosis.partial:
@@ -219,11 +219,11 @@ def limits_table(report: DiagnosisReport) -> Table | None:
 
 
 def noise_sentence(diagnosis: Diagnosis) -> str:
-    """Say how large the noise of a reading is, how that is known, and what scatters beside it."""
+    """Say how large the noise of a stop is, how that is known, and what scatters beside it."""
     if not math.isfinite(diagnosis.noise):
-        return f"Noise of a reading: {UNKNOWN}; {diagnosis.noise_source.rstrip('.')}."
+        return f"Noise of a stop: {UNKNOWN}; {diagnosis.noise_source.rstrip('.')}."
     text = (
-        f"Noise of a reading: {two_digits(diagnosis.noise * IN_MICRO)} µm"
+        f"Noise of a stop: {two_digits(diagnosis.noise * IN_MICRO)} µm"
         f" ({diagnosis.noise_degrees_of_freedom:,.0f} degrees of freedom;"
         f" {diagnosis.noise_source.rstrip('.')})"
     )

@@ -500,5 +500,5 @@ def _determined(report: Report, lead: RunLead) -> list[str]:
     said = [f"Determined, by {by}: {', '.join(names)}."] if names else []
     if report.truth is not None:
         inside = _inside(compare_with_truth(preferred, report.truth))
-        said.append(f"Values whose ± contains the true error of the simulated machine: {inside}.")
+        said.append(f"Values whose ± contains the simulated true error: {inside} (expected: 95 %).")
     return said

@@ -222,7 +222,7 @@ class FoxgloveServer:
             reason = str(error).removeprefix("FoxgloveError: ").removeprefix("Failed to bind port:")
             raise Refusal(
                 f"viewers cannot be served on {place.address} port {place.port}: {reason.strip()};"
-                " choose another port, or 0 for any that is free",
+                " choose another port (--port, parameter port), or 0 for any that is free",
                 fault="busy",
             ) from None
 

@@ -104,8 +104,9 @@ def make_access(address: str, token_file: str) -> PageAccess:
         return PageAccess(address, _read_token(Path(token_file)), made=False)
     if not is_loopback(address):
         raise Refusal(
-            f"other computers can reach the address '{address}': give a token_file too, which holds"
-            f" {LEAST_TOKEN} characters or more and which only you can read",
+            f"other computers can reach the address '{address}': give a file with a token too"
+            f" (--token-file, parameter token_file), which holds {LEAST_TOKEN} characters or more"
+            " and which only you can read",
             fault="exposed",
         )
     return PageAccess(address, secrets.token_hex(LEAST_TOKEN), made=True)

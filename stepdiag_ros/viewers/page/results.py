@@ -457,6 +457,9 @@ class FaultSection(PageSection):
             # A bag has no contact; what it holds was heard when it was recorded.
             return "" if self._heard else "no message yet"
         if not contact.known:
-            return "no node found. Start a run with 'stepdiag run' or the launch file"
+            return (
+                "no node found. Start a run with 'stepdiag run', or nodes with 'stepdiag cell' or a"
+                " launch file and then a run with 'stepdiag measure'"
+            )
         gone = self._is_over and not contact.at_work and bool(contact.silent)
         return "the run is over, and its nodes have ended" if gone else ""

@@ -10,6 +10,7 @@ nothing. No viewer is ever waited for by a node or another viewer.
 import asyncio
 import json
 import logging
+import os
 import threading
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
@@ -148,9 +149,12 @@ class MonitorServer:
             raise ValueError(f"the page's server did not start in {START_LIMIT:g} s") from None
         except OSError as error:
             where = f"{self._offer.access.address} port {self._wanted_port}"
+            # What asyncio says instead repeats the address as Python writes it.
+            code = error.errno or 0
+            said = os.strerror(code) if code > 0 else error.strerror or error
             raise Refusal(
-                f"the page cannot be served on {where}: {error.strerror or error}; choose another"
-                " port, or 0 for any that is free",
+                f"the page cannot be served on {where}: {said}; choose another port (--port,"
+                " parameter port), or 0 for any that is free",
                 fault="busy",
             ) from None
 

@@ -112,7 +112,7 @@ def test_an_unexplained_run_says_what_is_known_where_the_gap_is_and_what_to_meas
     first, second = document["summary"]["what_to_do"][:2]
     assert first.startswith("find the cause of the gap") and found["where"][0] in first
     assert second.startswith("measure ") or second.startswith("it repeats")
-    assert "Known: the gap is" in told.text and "times the noise of a reading" in told.text
+    assert "Known: the gap is" in told.text and "times the noise of a stop" in told.text
     story = told.headings[told.headings.index("UNEXPLAINED") :]
     assert story.index("Where the gap is") < story.index("What to measure next")
     assert "What closes it" not in told.headings

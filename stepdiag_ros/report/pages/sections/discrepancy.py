@@ -52,7 +52,7 @@ def _tell(material: Material) -> SectionContent | str:
         drawings["where"] = Drawing(
             "gap_where",
             (diagnosis,),
-            "The gap split in several ways; the dashed line is the noise of a reading.",
+            "The gap split in several ways; the dashed line is the noise of a stop.",
             {"title": ""},
             place=FLAT,
         )
