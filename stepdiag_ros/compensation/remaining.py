@@ -223,6 +223,5 @@ def _lengths(vectors: Vector) -> Vector:
 
 COMPUTED = (
     "Before and after are computed from the files as written, with their rounding and spacing, for"
-    " the errors that were found, both directions of approach. The uncertainty of these errors"
-    " stays; only a new measurement is a proof."
+    " the errors that were found, both directions of approach; only a new measurement is a proof."
 )
