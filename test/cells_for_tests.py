@@ -92,3 +92,17 @@ def make_cell(
     nodes = [np.array([axis[0] - held, *axis, axis[-1] + held]) for axis in made.errors.nodes]
     values = [np.vstack([axis[:1], axis, axis[-1:]]) for axis in made.errors.values]
     return replace(made, errors=ErrorCurves(tuple(nodes), tuple(values))) if held else made
+
+
+ON_THE_FLY = """
+name: two lines on the fly
+step_m: [0.02, 0.015, 0.01]
+blocks: 3
+feed_m_per_s: 0.06
+pause_for_setup: false
+measurement: on_the_fly
+lines:
+  - {kind: linear, names: [x]}
+  - {kind: step_diagonal, names: [ppp], directions: [forward, backward]}
+sampling: {dwell_s: 0.3, settle_s: 0.1, window_s: 0.2}
+"""

@@ -127,3 +127,11 @@ def at_rest(instance: LinuxCncInstance) -> float:
 def velocity(instance: LinuxCncInstance) -> float:
     """Return how fast LinuxCNC commands the axes to move just now, mm/s."""
     return float(instance.run("halcmd", "getp", "motion.current-vel"))
+
+
+def until_all_are_up(operator, nodes) -> None:
+    """Wait until every node of a cell answers and is well."""
+    peers = operator.watch.peers
+    assert operator.spin_until(
+        lambda: len(peers) == len(nodes) and not any(p.faulty for p in peers.values()), PATIENCE
+    ), {peer.role: peer.text for peer in peers.values()}

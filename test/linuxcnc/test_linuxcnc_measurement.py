@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from domains import room_for_a_cell
-from linuxcnc_watched import at_rest
+from linuxcnc_watched import at_rest, until_all_are_up
 from patience import PATIENCE
 
 from stepdiag_ros import topics
@@ -52,11 +52,7 @@ class Run:
         nodes = twin_cell(str(PLAN), "demo", "demo", folder, "linuxcnc", str(device))
         with room_for_a_cell(), in_graph(), Processes(nodes, folder / "logs") as processes:
             operator = OperatorNode()
-            peers = operator.watch.peers
-            assert operator.spin_until(
-                lambda: len(peers) == len(nodes) and not any(p.faulty for p in peers.values()),
-                PATIENCE,
-            ), {peer.role: peer.text for peer in peers.values()}
+            until_all_are_up(operator, nodes)
             run = FollowedRun(operator, self.tell, lambda: self.check(processes), self.go_on)
             self.bag = run.measure().bag
 

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cells_for_tests import ON_THE_FLY
 from domains import room_for_a_cell
+from linuxcnc_watched import until_all_are_up
 from patience import PATIENCE
 
 from stepdiag_ros.bags.run import load_run
@@ -21,18 +23,6 @@ pytestmark = pytest.mark.timeout(2 * PATIENCE)
 
 LATE = 0.7e-3
 """s by which the laser stamps its readings late."""
-PLAN = """
-name: two lines on the fly
-step_m: [0.02, 0.015, 0.01]
-blocks: 3
-feed_m_per_s: 0.06
-pause_for_setup: false
-measurement: on_the_fly
-lines:
-  - {kind: linear, names: [x]}
-  - {kind: step_diagonal, names: [ppp], directions: [forward, backward]}
-sampling: {dwell_s: 0.3, settle_s: 0.1, window_s: 0.2}
-"""
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +32,7 @@ def run(make_instance, tmp_path_factory):
     instance = make_instance()
     folder = tmp_path_factory.mktemp("flown")
     plan, device, laser = (folder / name for name in ("plan.yaml", "linuxcnc.yaml", "laser.yaml"))
-    plan.write_text(PLAN)
+    plan.write_text(ON_THE_FLY)
     # A busy computer is no dead controller.
     device.write_text(f"socket: {instance.socket}\ndead_man_s: 2.0\nsilence_s: 20.0\n")
     laser.write_text(f"clock_offset_s: {LATE}\n")
@@ -51,11 +41,7 @@ def run(make_instance, tmp_path_factory):
     interferometer.parameters["device_file"] = str(laser)
     with room_for_a_cell(), in_graph(), Processes(nodes, folder / "logs") as processes:
         operator = OperatorNode()
-        peers = operator.watch.peers
-        assert operator.spin_until(
-            lambda: len(peers) == len(nodes) and not any(p.faulty for p in peers.values()),
-            PATIENCE,
-        ), {peer.role: peer.text for peer in peers.values()}
+        until_all_are_up(operator, nodes)
 
         def check():
             assert not processes.ended(), processes.ended()

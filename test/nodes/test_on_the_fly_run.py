@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+from cells_for_tests import ON_THE_FLY
 
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
@@ -14,23 +15,10 @@ from stepdiag_ros.metrology.measurement import MeasuredLine
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.run.sequence import State
 
-PLAN = """
-name: two lines on the fly
-step_m: [0.02, 0.015, 0.01]
-blocks: 3
-feed_m_per_s: 0.06
-pause_for_setup: false
-measurement: on_the_fly
-lines:
-  - {kind: linear, names: [x]}
-  - {kind: step_diagonal, names: [ppp], directions: [forward, backward]}
-sampling: {dwell_s: 0.3, settle_s: 0.1, window_s: 0.2}
-"""
-
 
 def test_lines_on_the_fly(make_cell, tmp_path):
     plan = tmp_path / "plan.yaml"
-    plan.write_text(PLAN)
+    plan.write_text(ON_THE_FLY)
     with make_cell(plan=str(plan), cell="moving", factor=2.0, tick=0.004) as cell:
         cell.start()
         cell.wait_for_state(State.FINISHED)
