@@ -266,7 +266,8 @@ class Selection:
         values = {name: (value, u) for name, value, u in told}
         same = self._same(index)
         beside = not_separated(self._ranker, self.chosen, index, self._luck.freedom, EVIDENCE_RATIO)
-        rivals = self._with_siblings(self._runners_up(index, ranking, names, odds, same), beside)
+        rivals = self._runners_up(index, ranking, names, odds, same)
+        rivals = self._with_siblings(rivals, beside, ranking)
         made = Finding(
             candidate=candidate,
             sizes={name: value for name, (value, _) in values.items()},
@@ -333,16 +334,18 @@ class Selection:
         return tuple(made)
 
     def _with_siblings(
-        self, rivals: tuple[RunnerUp, ...], beside: Sequence[int]
+        self, rivals: tuple[RunnerUp, ...], beside: Sequence[int], ranking: Ranking
     ) -> tuple[RunnerUp, ...]:
         """Return the rivals with those not ruled out that may act together with the named one."""
-        labels = {self._found.candidates[other].label for other in beside}
-        return tuple(
-            replace(one, ambiguous=True, why=f"{one.why}; {_TOGETHER}")
-            if one.label in labels and not one.ambiguous
-            else one
-            for one in rivals
-        )
+        made = {one.label: one for one in rivals}
+        for other in beside:
+            label = self._found.candidates[other].label
+            # One that lost by far is not among the best.
+            lost = RunnerUp(label, float(ranking.gain[other]), 0.0, "fits worse alone")
+            one = made.get(label, lost)
+            if not one.ambiguous:
+                made[label] = replace(one, ambiguous=True, why=f"{one.why}; {_TOGETHER}")
+        return tuple(made.values())
 
     def _why(
         self, index: int, other: int, ranking: Ranking, best: float, rival: float, same: bool
