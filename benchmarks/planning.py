@@ -27,6 +27,7 @@ from stepdiag_ros.configuration import load_machine, load_plan  # noqa: E402
 from stepdiag_ros.evaluation.pursuit import Pursuit, reached  # noqa: E402
 from stepdiag_ros.metrology.geometry import SQUARENESS, TRANSLATIONS, beam_direction  # noqa: E402
 from stepdiag_ros.metrology.machine import Machine  # noqa: E402
+from stepdiag_ros.metrology.on_the_fly.expected import Streams  # noqa: E402
 from stepdiag_ros.metrology.plausible import Plausible  # noqa: E402
 from stepdiag_ros.metrology.solvers import solve  # noqa: E402
 from stepdiag_ros.metrology.target import VOLUMETRIC, Target  # noqa: E402
@@ -45,6 +46,8 @@ CUBE = {"low": (0.0, 0.0, 0.0), "high": (0.12, 0.12, 0.12), "blocks": 12}
 NAMES = (*TRANSLATIONS, *SQUARENESS, VOLUMETRIC)
 PLACE, READING = 0.01e-6, 0.01e-6
 """m, m √s: of the demo cell's stops, whose readings scatter by 0.1 µm at 100 Hz."""
+STREAMS = Streams(reading_noise=0.1e-6 / np.sqrt(1000.0))
+"""Of the moving cell, whose readings scatter by as much at 1 kHz."""
 
 
 def expected(plan, machine, noise):
@@ -75,8 +78,8 @@ def speed():
     return {"processor_s": times, "a_million_steps_ms": round(1e3 * step)}
 
 
-def seconds_to_the_demo(rotations):
-    """Return machine seconds to the demo plan's U of nine curves and squareness, stops only."""
+def seconds_to_the_demo(rotations, streams=None):
+    """Return machine seconds to the demo plan's U of nine curves and squareness."""
     demo, machine = load_plan("demo")[0], replace(load_machine("demo")[0], rotations=rotations)
     noise = StopNoise(PLACE, READING)
     told = expected(demo, machine, noise)
@@ -89,6 +92,7 @@ def seconds_to_the_demo(rotations):
             reading_noise=READING,
             until=until,
             assumptions=NO_ALIGNMENT,
+            streams=streams,
             **CUBE,
         )
     ).chosen
@@ -100,6 +104,7 @@ def seconds_to_the_demo(rotations):
         "planned_s": round(chosen.duration.total),
         "ratio": round(chosen.duration.total / before, 3),
         "lines": chosen.words,
+        "measurement": chosen.plan.measurement,
         "dwell_s": chosen.plan.sampling.dwell,
         "feed_m_per_s": chosen.plan.feed,
     }
@@ -246,6 +251,8 @@ def main():
         "seconds_to_the_demo_plans_U": {
             "readings alone": seconds_to_the_demo(0.0),
             "with plausible rotations": seconds_to_the_demo(10e-6),
+            "readings alone, on the fly": seconds_to_the_demo(0.0, STREAMS),
+            "with plausible rotations, on the fly": seconds_to_the_demo(10e-6, STREAMS),
         },
     }
     with ProcessPoolExecutor(arguments.processes) as pool:

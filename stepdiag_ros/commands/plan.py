@@ -10,9 +10,11 @@ from stepdiag_ros.commands.output import metres, number, say, warn
 
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.machine import Machine
+    from stepdiag_ros.metrology.on_the_fly.expected import Streams
     from stepdiag_ros.metrology.plan import Sampling
     from stepdiag_ros.planning.assessment import Assessment
     from stepdiag_ros.planning.duration import Assumptions
+    from stepdiag_ros.planning.expectation import Noise
     from stepdiag_ros.planning.offers import StopNoise
     from stepdiag_ros.planning.proposal import PlanProposal
     from stepdiag_ros.planning.request import Request
@@ -78,6 +80,7 @@ def _add_options(parser: ArgumentParser) -> None:
         " error are added to --noise",
     )
     _add_wishes(parser)
+    _add_streams(parser)
     _add_assumptions(parser)
     _add_files(parser)
 
@@ -140,6 +143,34 @@ def _add_wishes(parser: ArgumentParser) -> None:
         metavar="M",
         help="how far beyond its first target a pass of a line other than a step diagonal begins"
         " (default: 0.002 for iso230-2 and iso230-6, otherwise 0)",
+    )
+
+
+def _add_streams(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("lines on the fly: measured while the axes move")
+    group.add_argument(
+        "--on-the-fly",
+        action="store_true",
+        help="with --for: choose lines on the fly where they take less time; the controller must"
+        " publish its positions",
+    )
+    group.add_argument(
+        "--reading-rate",
+        type=_positive,
+        metavar="HZ",
+        help="readings of the laser in a second (default: 1000)",
+    )
+    group.add_argument(
+        "--position-rate",
+        type=_positive,
+        metavar="HZ",
+        help="positions of the controller in a second (default: 500)",
+    )
+    group.add_argument(
+        "--jitter",
+        type=_not_negative,
+        metavar="US",
+        help="standard deviation of the readings' time stamps in µs (default: 20)",
     )
 
 
@@ -240,6 +271,7 @@ def run(arguments: Namespace) -> int:
 
     from stepdiag_ros import configuration
     from stepdiag_ros.planning.assessment import assess
+    from stepdiag_ros.planning.offers import node_uncertainty
     from stepdiag_ros.planning.proposal import propose
     from stepdiag_ros.report.documents.plan import assessment_json
     from stepdiag_ros.report.plan_files import write_new
@@ -263,7 +295,11 @@ def run(arguments: Namespace) -> int:
         proposal = propose(_request(arguments, machine, noise, assumptions))
         plan = proposal.chosen.plan
         stem = arguments.output or Path(f"{arguments.purpose}_plan.yaml")
-    assessment = assess(plan, machine, noise.of(plan.sampling.window), assumptions)
+    stop: Noise = noise.of(plan.sampling.window)
+    if plan.on_the_fly:
+        streams = _streams(arguments, noise)
+        stop = node_uncertainty(plan, machine, noise.place, streams, assumptions)
+    assessment = assess(plan, machine, stop, assumptions)
     files = _files(arguments, assessment, proposal, stem)
     # Refused before anything is printed: the user must not take the plan for written.
     write_new(files, arguments.force)
@@ -300,6 +336,7 @@ def _refuse_what_does_not_go_together(arguments: Namespace) -> None:
         "feed": "feed",
         "dwell": "dwell",
         "overrun": "overrun",
+        "on_the_fly": "on-the-fly",
         "output": "output",
     }
     for name, option in wishes.items():
@@ -353,6 +390,19 @@ def _noise(arguments: Namespace) -> "StopNoise":
     return StopNoise(place, arguments.reading_noise * 1e-6)
 
 
+def _streams(arguments: Namespace, noise: "StopNoise") -> "Streams":
+    """Return what laser and controller give while the axes move."""
+    from stepdiag_ros.metrology.on_the_fly.expected import Streams
+
+    given = {
+        "reading_rate": arguments.reading_rate,
+        "position_rate": arguments.position_rate,
+        "stamp_jitter": None if arguments.jitter is None else arguments.jitter * 1e-6,
+    }
+    known = {name: value for name, value in given.items() if value is not None}
+    return Streams(reading_noise=noise.reading, **known)
+
+
 def _request(
     arguments: Namespace, machine: "Machine", noise: "StopNoise", assumptions: "Assumptions"
 ) -> "Request":
@@ -371,6 +421,7 @@ def _request(
         "directions": ("forward",) if arguments.one_way else None,
         "overrun": arguments.overrun,
         "sampling": _sampling(arguments),
+        "streams": _streams(arguments, noise) if arguments.on_the_fly else None,
     }
     return Request(
         purpose=arguments.purpose,

@@ -2,11 +2,19 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.visibility import Visibility, visibility
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration, duration
-from stepdiag_ros.planning.expectation import PlanExpectation, expect, expect_with_rotations
+from stepdiag_ros.planning.expectation import (
+    Noise,
+    PlanExpectation,
+    expect,
+    expect_with_rotations,
+    nominal_measurement,
+)
 from stepdiag_ros.planning.limits import limits, warnings
 from stepdiag_ros.planning.own_lines import AxisWithoutLine, axes_without_line
 from stepdiag_ros.planning.undetermined import Undetermined, undetermined
@@ -20,7 +28,8 @@ class Assessment:
     Attributes:
         plan: the plan.
         machine: that shall execute it.
-        stop_uncertainty: standard uncertainty of a single stop that all rests on, m.
+        stop_uncertainty: standard uncertainty of a single stop that all rests on, m; of the nodes
+            of lines on the fly the root mean square.
         duration: by line.
         expectation: standard uncertainties by the noise of the stops alone, without rotations.
         with_rotations: those that ``least_squares`` will print: also with rotations of the size
@@ -52,7 +61,7 @@ class Assessment:
 def assess(
     plan: Plan,
     machine: Machine,
-    stop_uncertainty: float,
+    stop_uncertainty: Noise,
     assumptions: Assumptions | None = None,
 ) -> Assessment:
     """Assess a plan on a machine.
@@ -60,7 +69,7 @@ def assess(
     Args:
         plan: what is measured.
         machine: its chain may be empty: then rotations are not assessed.
-        stop_uncertainty: standard uncertainty of a single stop, m.
+        stop_uncertainty: of each stop.
         assumptions: for the duration; the default ones if None.
 
     Raises:
@@ -70,16 +79,19 @@ def assess(
     if beyond:
         raise ValueError(f"'{plan.name}' cannot be executed on {machine.name}: {beyond}")
     chain = machine.chain
-    seen = visibility(plan, "", stop_uncertainty)
-    rotating = visibility(plan, chain, stop_uncertainty) if chain else None
+    nominal = nominal_measurement(plan, stop_uncertainty)
+    every = np.concatenate([line.standard_uncertainty for line in nominal.lines])
+    usual = float(np.sqrt(np.mean(every**2)))
+    seen = visibility(plan, "", usual)
+    rotating = visibility(plan, chain, usual) if chain else None
     unknown = undetermined(plan, seen)
     printed = expect_with_rotations(plan, stop_uncertainty, chain, machine.rotations)
     taken = duration(plan, machine, assumptions)
-    said = limits(plan, chain, stop_uncertainty, seen, rotating)
+    said = limits(plan, chain, usual, seen, rotating)
     return Assessment(
         plan=plan,
         machine=machine,
-        stop_uncertainty=stop_uncertainty,
+        stop_uncertainty=usual,
         duration=taken,
         expectation=expect(plan, stop_uncertainty),
         with_rotations=printed,

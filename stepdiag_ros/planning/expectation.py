@@ -8,7 +8,7 @@ uncertainties are right. By noise alone (``expect``) it holds neither what is co
 plausible size (``expect_with_rotations``) it is what ``least_squares`` prints.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from stepdiag_ros.metrology.geometry import (
     translation,
 )
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
-from stepdiag_ros.metrology.plan import Plan, Volume
+from stepdiag_ros.metrology.plan import Line, Plan, Volume
 from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.design import Design
@@ -40,6 +40,8 @@ from stepdiag_ros.metrology.solvers.summary import (
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 STRAIGHTNESS = tuple(name for name in TRANSLATIONS if name[2] != name[3])
+Noise = float | Callable[[Line], Vector]
+"""Standard uncertainty of every stop, m, or of each stop of a line, m, shape (stops,)."""
 _PLACES_ALONG_AXIS = 6
 """Errors of rotations grow towards the ends of the axes: few places find the largest."""
 POSITIONING = tuple(name for name in TRANSLATIONS if name[2] == name[3])
@@ -79,27 +81,28 @@ class PlanExpectation:
         )
 
 
-def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> PlanExpectation:
+def expect(plan: Plan, stop_uncertainty: Noise, chain: str = "") -> PlanExpectation:
     """Return the uncertainties to be expected of a plan by weighted least squares.
 
     Args:
         plan: what is measured.
-        stop_uncertainty: standard uncertainty of a single stop, m: the mean of its readings, and
-            how well the machine comes back to the place.
+        stop_uncertainty: of each stop: the mean of its readings, and how well the machine comes
+            back to the place.
         chain: order of the axes from workpiece to tool: the rotations are estimated too, as by
             the method rigid_body; empty: the translations alone, as by least_squares.
 
     Raises:
         ValueError: the uncertainty is not positive, or there is no such chain.
     """
-    if not 0.0 < stop_uncertainty < 1.0:
+    if not callable(stop_uncertainty) and not 0.0 < stop_uncertainty < 1.0:
         raise Refusal(
             f"the uncertainty of a stop is {stop_uncertainty:g} m; it must be positive",
             fault="out_of_range",
             aspect="uncertainty",
         )
     # In units of a stop's uncertainty the matrices are the same for every laser.
-    design = Design(observe(nominal_measurement(plan, 1.0)), chain)
+    of_each = callable(stop_uncertainty)
+    design = Design(observe(nominal_measurement(plan, stop_uncertainty if of_each else 1.0)), chain)
     estimate = CurveEstimate(
         values=np.zeros(len(design.names) * (plan.volume.blocks + 1)),
         covariance=design.curve_covariance(),
@@ -112,11 +115,11 @@ def expect(plan: Plan, stop_uncertainty: float, chain: str = "") -> PlanExpectat
     expectation = _expectation(
         estimate, plan.volume, rotations, volumetric, design.degrees_of_freedom
     )
-    return expectation.scaled(stop_uncertainty)
+    return expectation if callable(stop_uncertainty) else expectation.scaled(stop_uncertainty)
 
 
 def expect_with_rotations(
-    plan: Plan, stop_uncertainty: float, chain: str, rotation: float
+    plan: Plan, stop_uncertainty: Noise, chain: str, rotation: float
 ) -> PlanExpectation:
     """Return the uncertainties that ``least_squares`` will print of a plan.
 
@@ -125,7 +128,7 @@ def expect_with_rotations(
 
     Args:
         plan: what is measured.
-        stop_uncertainty: standard uncertainty of a single stop, m.
+        stop_uncertainty: of each stop.
         chain: order of the axes from workpiece to tool; empty if not known: any may act.
         rotation: plausible size of the rotations over the measured travel, rad.
     """
@@ -178,7 +181,7 @@ def _some_places(volume: Volume) -> Vector:
     return np.stack(grid, axis=-1).reshape(-1, 3)
 
 
-def nominal_measurement(plan: Plan, stop_uncertainty: float) -> Measurement:
+def nominal_measurement(plan: Plan, stop_uncertainty: Noise) -> Measurement:
     """Return what a perfect machine, laser and setup would give: the commanded displacements."""
     made = []
     step = np.asarray(plan.volume.step)
@@ -186,6 +189,7 @@ def nominal_measurement(plan: Plan, stop_uncertainty: float) -> Measurement:
         targets = line.stops(plan.volume)
         first = replace(line, direction="forward").stops(plan.volume)[0]
         count = len(targets)
+        u = stop_uncertainty(line) if callable(stop_uncertainty) else stop_uncertainty
         made.append(
             MeasuredLine(
                 line=line,
@@ -196,7 +200,7 @@ def nominal_measurement(plan: Plan, stop_uncertainty: float) -> Measurement:
                 end_time=0,
                 target=targets,
                 displacement=(targets - first) @ beam_direction(line.name, step),
-                standard_uncertainty=np.full(count, stop_uncertainty),
+                standard_uncertainty=np.full(count, u),
                 environment=np.full((count, 4), np.nan),
                 overrun=plan.overrun_of(line),
             )

@@ -1,11 +1,11 @@
 """The lines that a planner may choose: how long each takes and how uncertain its readings are.
 
 This is the one place where a way of measuring has a price. A line measured at stops takes its moves
-and dwells, and its readings are independent. A line measured in another way is an offer with times
-and a covariance of its own: the search does not depend on anything else.
+and dwells, and its readings are independent. A line measured on the fly takes its moves alone, and
+its nodes have the covariance of its regression. The search depends on nothing else.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import hypot, sqrt
@@ -17,11 +17,25 @@ from stepdiag_ros.metrology.geometry import (
     FACE_DIAGONALS,
     LINEAR_LINES,
     Vector,
+    beam_direction,
     move_orders,
 )
 from stepdiag_ros.metrology.machine import Machine
-from stepdiag_ros.metrology.plan import DIAGONAL, FORWARD, LINEAR, STEP_DIAGONAL, Line, Plan, Volume
+from stepdiag_ros.metrology.on_the_fly.expected import Pace, Streams, expected_covariance
+from stepdiag_ros.metrology.plan import (
+    DIAGONAL,
+    FEWEST_MOVES,
+    FORWARD,
+    LINEAR,
+    STEP_DIAGONAL,
+    Line,
+    Plan,
+    Volume,
+)
 from stepdiag_ros.planning.duration import Assumptions, duration
+
+_LAGS = 8.0
+"""Time constants of a drive in the time that it takes to settle: to a part in 3000 of its lag."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +119,97 @@ def offers_at_stops(
         assumptions: for the duration.
         times: how often each line is run in one measurement.
     """
+    variance = noise.of(conditions.sampling.window) ** 2
+
+    def independent(plan: Plan, line: Line) -> Vector:
+        return variance * np.eye(len(line.stops(plan.volume)))
+
+    return _offers(lines, conditions, machine, directions, assumptions, times, independent)
+
+
+def offers_on_the_fly(
+    lines: Iterable[Line],
+    conditions: Plan,
+    machine: Machine,
+    place: float,
+    streams: Streams,
+    directions: tuple[str, ...],
+    assumptions: Assumptions,
+    times: int = 1,
+) -> tuple[Offer, ...]:
+    """Return lines as they are measured on the fly; of those with too few moves there are none.
+
+    Args:
+        lines: forward, repeat 0.
+        conditions: as for ``offers_at_stops``.
+        machine: that moves.
+        place: part of a node's standard uncertainty that no reading improves, m.
+        streams: of laser and controller.
+        directions: in which each line is measured.
+        assumptions: for the duration.
+        times: how often each line is run in one measurement.
+
+    Raises:
+        ValueError: readings or positions come too seldom for these moves.
+    """
+
+    def nodes(plan: Plan, line: Line) -> Vector:
+        return covariance_on_the_fly(plan, line, machine, place, streams, assumptions)
+
+    long_enough = [line for line in lines if len(line.stops(conditions.volume)) > FEWEST_MOVES]
+    return _offers(long_enough, conditions, machine, directions, assumptions, times, nodes)
+
+
+def covariance_on_the_fly(
+    plan: Plan,
+    line: Line,
+    machine: Machine,
+    place: float,
+    streams: Streams,
+    assumptions: Assumptions,
+) -> Vector:
+    """Return the expected covariance of a line's nodes, m², shape (stops, stops).
+
+    The solvers take the nodes of a line as independent and equally uncertain, and so does this.
+
+    Raises:
+        ValueError: readings or positions come too seldom for these moves.
+    """
+    pace = Pace(
+        feed=plan.feed,
+        acceleration=machine.acceleration_m_per_s2,
+        corner_time=machine.position_hold_s + assumptions.settling_s,
+        lag=assumptions.settling_s / _LAGS,
+    )
+    beam = beam_direction(line.name, np.asarray(plan.volume.step))
+    found = expected_covariance(line.stops(plan.volume), beam, pace, streams)
+    return (float(np.mean(np.diagonal(found))) + place**2) * np.eye(len(found))
+
+
+def node_uncertainty(
+    plan: Plan, machine: Machine, place: float, streams: Streams, assumptions: Assumptions
+) -> Callable[[Line], Vector]:
+    """Return the expected standard uncertainties of the nodes of each line of a plan on the fly.
+
+    Raises:
+        ValueError: on use: readings or positions come too seldom for the moves of a line.
+    """
+    return lambda line: np.sqrt(
+        np.diagonal(covariance_on_the_fly(plan, line, machine, place, streams, assumptions))
+    )
+
+
+def _offers(
+    lines: Iterable[Line],
+    conditions: Plan,
+    machine: Machine,
+    directions: tuple[str, ...],
+    assumptions: Assumptions,
+    times: int,
+    covariance: Callable[[Plan, Line], Vector],
+) -> tuple[Offer, ...]:
+    """Return offers whose single pass has a covariance, m², shape (stops, stops)."""
     made = []
-    variance = noise.of(conditions.sampling.window) ** 2 / (len(directions) * times)
     for line in lines:
         both = tuple(replace(line, direction=direction) for direction in directions)
         plan = replace(conditions, lines=both)
@@ -125,7 +228,7 @@ def offers_at_stops(
                 setup=plan.setup_of(line),
                 alignment=aligning,
                 seconds=begun * times,
-                covariance=variance * np.eye(stops),
+                covariance=covariance(conditions, line) / (len(both) * times),
                 lateness=late / len(both) + 0.5 * (times - 1) * begun,
                 times=times,
             )

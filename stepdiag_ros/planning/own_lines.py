@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.plan import FORWARD, LINEAR, STEP_DIAGONAL, Line, Pl
 from stepdiag_ros.planning.duration import Assumptions
 from stepdiag_ros.planning.expectation import (
     POSITIONING,
+    Noise,
     PlanExpectation,
     expect_with_rotations,
 )
@@ -41,7 +42,7 @@ class AxisWithoutLine:
 def axes_without_line(
     plan: Plan,
     machine: Machine,
-    stop_uncertainty: float,
+    stop_uncertainty: Noise,
     assumptions: Assumptions,
     expected: PlanExpectation,
 ) -> tuple[AxisWithoutLine, ...]:
@@ -50,7 +51,7 @@ def axes_without_line(
     Args:
         plan: what is measured.
         machine: that shall execute it.
-        stop_uncertainty: standard uncertainty of a single stop, m.
+        stop_uncertainty: of each stop.
         assumptions: for the duration.
         expected: uncertainties of the plan with plausible rotations.
     """
@@ -65,11 +66,12 @@ def axes_without_line(
     if not missing:
         return ()
     directions = tuple(dict.fromkeys(line.direction for line in plan.lines))
+    # What is wanted of them is lines and times alone.
     offers = offers_at_stops(
         [Line(LINEAR, name, "", 0, FORWARD) for _, name, _ in missing],
         plan,
         machine,
-        StopNoise(stop_uncertainty),
+        StopNoise(0.0),
         directions,
         assumptions,
         1 + max(line.repeat for line in plan.lines),

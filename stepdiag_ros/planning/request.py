@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from stepdiag_ros.metrology.geometry import ROTATIONS
 from stepdiag_ros.metrology.machine import Machine
+from stepdiag_ros.metrology.on_the_fly.expected import Streams
 from stepdiag_ros.metrology.plan import Plan, Sampling
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.target import Target
@@ -64,6 +65,7 @@ class Request:
         directions: of every line; the purpose's own if None.
         overrun: with which lines begin, m; None: 2 mm for the purposes of a standard, else none.
         sampling: of the stops; sought if None.
+        streams: of laser and controller, where lines may be measured on the fly; else None.
         assumptions: for the duration. Where no alignment takes time, none is waited for.
     """
 
@@ -83,6 +85,7 @@ class Request:
     directions: tuple[str, ...] | None = None
     overrun: float | None = None
     sampling: Sampling | None = None
+    streams: Streams | None = None
     assumptions: Assumptions = field(default_factory=Assumptions)
 
     @property

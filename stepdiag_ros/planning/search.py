@@ -1,11 +1,20 @@
-"""Seeks plans by exchange: lines, repeats, blocks, dwell and feed by information per second."""
+"""Seeks plans by exchange: lines, repeats, blocks, dwell, feed, and whether they are on the fly."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepdiag_ros.metrology.plan import DIAGONAL, Line, Plan, Sampling, Volume
+from stepdiag_ros.metrology.plan import (
+    DIAGONAL,
+    FEWEST_MOVES,
+    ON_THE_FLY,
+    STEP_DIAGONAL,
+    Line,
+    Plan,
+    Sampling,
+    Volume,
+)
 from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.candidates import (
@@ -18,7 +27,13 @@ from stepdiag_ros.planning.candidates import (
 from stepdiag_ros.planning.duration import MoveTimes, duration
 from stepdiag_ros.planning.exchange import Choice, Exchange, pareto
 from stepdiag_ros.planning.information import Information
-from stepdiag_ros.planning.offers import lines_in, offers_at_stops, words_of
+from stepdiag_ros.planning.offers import (
+    Offer,
+    lines_in,
+    offers_at_stops,
+    offers_on_the_fly,
+    words_of,
+)
 from stepdiag_ros.planning.order import Order
 from stepdiag_ros.planning.request import PlanCandidate, Request, sampling_with
 from stepdiag_ros.run.feasibility import beyond_machine
@@ -29,6 +44,10 @@ _CALM = 0.25
 """Share of a dwell in which the machine calms down, as in the demo plan."""
 _FEEDS = (0.033, 0.1)
 """m/s: those that are tried. Faster moves of a step are all acceleration, and warm the machine."""
+_FEEDS_ON_THE_FLY = (0.01, 0.02, 0.033, 0.05, 0.1)
+"""m/s: slower moves have more readings, faster ones take less time."""
+_ENDS = Sampling(dwell=0.4, settle=0.1, window=0.3, longest_wait=3.0)
+"""Of the first and the last stop of a line on the fly."""
 _CLEARLY = 0.95
 """Share of the uncertainty of a quicker plan that makes a slower one worth to be shown."""
 _SAME = 1.001
@@ -70,10 +89,11 @@ class Search:
         self.considered = 0
         self.discarded: dict[str, str] = {}
         for volume, lines in self._volumes():
-            space = self._space(volume, lines)
-            self._refuse_beyond(space)
-            found += [(space, choice) for choice in space.exchange.frontier()]
-            self.considered += space.exchange.looked_at
+            for conditions in self._ways(volume):
+                space = self._space(lines, conditions)
+                self._refuse_beyond(space)
+                found += [(space, choice) for choice in space.exchange.frontier()]
+                self.considered += space.exchange.looked_at
         best = {id(choice) for choice in pareto(choice for _, choice in found)}
         self._found = sorted(
             (one for one in found if id(one[1]) in best), key=lambda one: one[1].seconds
@@ -107,13 +127,17 @@ class Search:
         """Go over the same lines with other dwells and feeds that keep to a wish."""
         space, choice = start
         yield space, choice
-        if not self._request.reading_noise:
+        now = space.conditions
+        if now.on_the_fly:
+            others = [replace(now, feed=feed) for feed in self._feeds_on_the_fly(now.volume)]
+        elif self._request.reading_noise:
+            others = [replace(now, sampling=sampling) for sampling in self._samplings()]
+        else:
             return
         lines = tuple(offer.line for offer in space.exchange.information.offers)
-        now = space.conditions
-        for sampling in self._samplings():
-            if sampling != now.sampling:
-                other = self._space(now.volume, lines, replace(now, sampling=sampling))
+        for conditions in others:
+            if conditions != now:
+                other = self._space(lines, conditions)
                 again = other.exchange.choice(choice.counts)
                 if keeps(again):
                     yield other, again
@@ -130,10 +154,13 @@ class Search:
         volume = space.conditions.volume
         order = Order(exchange, choice, volume, request.machine, request.pauses)
         ordered = order.best() if final else order.by_need()
+        words = words_of(ordered.lines)
+        if space.conditions.on_the_fly:
+            words += ", on the fly"
         plan = replace(
             space.conditions,
             lines=ordered.lines,
-            name=f"{request.purpose}: {words_of(ordered.lines)}, {_sides(volume)} mm",
+            name=f"{request.purpose}: {words}, {_sides(volume)} mm",
         )
         standing = exchange.information.standing(np.array(choice.counts))
         told = standing.largest()
@@ -141,7 +168,7 @@ class Search:
         worst = max(self._limits, key=lambda name: told[name] / self._limits[name])
         rows = [row for row, name in enumerate(standing.quantities.names) if name in self._figures]
         return PlanCandidate(
-            words=words_of(ordered.lines),
+            words=words,
             plan=plan,
             duration=duration(plan, request.machine, request.assumptions),
             uncertainty=COVERAGE_FACTOR * told[figure],
@@ -191,37 +218,63 @@ class Search:
         limit = self._request.machine.feed_limit_m_per_s
         return min(self._request.feed or max(_FEEDS), limit)
 
-    def _space(
-        self, volume: Volume, lines: tuple[Line, ...], conditions: Plan | None = None
-    ) -> Space:
+    def _ways(self, volume: Volume) -> Iterator[Plan]:
+        """Go over the ways of measuring a box: plans without lines."""
         request = self._request
-        if conditions is None:
-            conditions = Plan(
-                name=request.purpose,
-                volume=volume,
-                lines=(),
-                feed=self._feed(),
-                sampling=self._quickest(volume),
-                pause_for_setup=request.pauses,
-                one_alignment_per_diagonal=True,
-                overrun=request.overrun_or_usual,
-            )
-        directions = request.directions or self._purpose.directions
+        at_stops = Plan(
+            name=request.purpose,
+            volume=volume,
+            lines=(),
+            feed=self._feed(),
+            sampling=self._quickest(volume),
+            pause_for_setup=request.pauses,
+            one_alignment_per_diagonal=True,
+            overrun=request.overrun_or_usual,
+        )
+        yield at_stops
+        feeds = self._feeds_on_the_fly(volume)
+        if feeds:
+            moving = replace(at_stops, measurement=ON_THE_FLY, sampling=_ENDS)
+            yield replace(moving, feed=min(feeds, key=lambda feed: self._price(moving, feed)))
+
+    def _feeds_on_the_fly(self, volume: Volume) -> list[float]:
+        """Return the feeds at which every move has a part at constant feed, m/s."""
+        request, machine = self._request, self._request.machine
+        if request.streams is None or volume.blocks < FEWEST_MOVES:
+            return []
+        fastest = np.sqrt(0.5 * machine.acceleration_m_per_s2 * min(volume.step))
+        limit = min(machine.feed_limit_m_per_s, float(fastest))
+        wished = _FEEDS_ON_THE_FLY if request.feed is None else (request.feed,)
+        return [feed for feed in wished if feed <= limit]
+
+    def _price(self, conditions: Plan, feed: float) -> float:
+        """Return seconds times variance of a step diagonal on the fly, at a feed, m² s."""
+        line = lines_in(conditions.volume, (STEP_DIAGONAL,))[:1]
+        (offer,) = self._offers(line, replace(conditions, feed=feed))
+        return offer.seconds * float(np.mean(np.diagonal(offer.covariance)))
+
+    def _offers(self, lines: tuple[Line, ...], conditions: Plan) -> tuple[Offer, ...]:
+        request = self._request
+        common = (request.directions or self._purpose.directions, request.assumptions)
         times = request.repeats or 1
-        offers = offers_at_stops(
-            lines,
-            conditions,
-            request.machine,
-            request.noise,
-            directions,
-            request.assumptions,
-            times,
-        )
-        machine = request.machine
+        if request.streams is not None and conditions.on_the_fly:
+            place, streams = request.stop_uncertainty, request.streams
+            return offers_on_the_fly(
+                lines, conditions, request.machine, place, streams, *common, times
+            )
+        return offers_at_stops(lines, conditions, request.machine, request.noise, *common, times)
+
+    def _space(self, lines: tuple[Line, ...], conditions: Plan) -> Space:
+        request, machine = self._request, self._request.machine
         information = Information(
-            offers, volume, machine.chain, Plausible(machine.rotations), self._names
+            self._offers(lines, conditions),
+            conditions.volume,
+            machine.chain,
+            Plausible(machine.rotations),
+            self._names,
         )
-        return Space(conditions, Exchange(information, self._limits, request.most_repeats // times))
+        most = request.most_repeats // (request.repeats or 1)
+        return Space(conditions, Exchange(information, self._limits, most))
 
     def _quickest(self, volume: Volume) -> Sampling:
         """Return the sampling whose stops contribute most in a second."""

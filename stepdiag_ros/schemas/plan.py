@@ -169,7 +169,9 @@ class Document:
     plan: Plan
     machine: str
     chain: Annotated[str, one_of("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")] | None
-    stop_uncertainty: Annotated[float, means("Standard uncertainty of a stop, m.")]
+    stop_uncertainty: Annotated[
+        float, means("Standard uncertainty of a stop, or of a node on the fly, m.")
+    ]
     duration: Duration
     expected_standard_uncertainty: Expectations
     visibility: Visibility

@@ -132,6 +132,24 @@ def solve(
     return _Fit(record, motion, intervals, delay).solution()
 
 
+def covariance_of_nodes(
+    record: PassRecord, motion: Motion, intervals: Intervals, noise: float, jitter: float
+) -> Vector:
+    """Return the covariance of the nodes of a pass whose noise is known and that nothing shakes.
+
+    Args:
+        record: of the pass; what is read does not matter.
+        motion: of the pass.
+        intervals: which reading belongs to which move.
+        noise: standard deviation of a reading, m.
+        jitter: standard deviation of a time stamp, s.
+
+    Returns:
+        m², shape (nodes, nodes).
+    """
+    return _Fit(record, motion, intervals, 0.0).covariance_with(noise, jitter)
+
+
 class _Fit:
     def __init__(
         self, record: PassRecord, motion: Motion, intervals: Intervals, delay: float
@@ -234,6 +252,12 @@ class _Fit:
             if 0 < turn < 3 and np.isnan(self._frequency):
                 self._frequency = self._strongest(rows, left)
         return self._told(rows, left, estimate, inverse)
+
+    def covariance_with(self, noise: float, jitter: float) -> Vector:
+        """Return the covariance of the nodes with this noise, m, and jitter of time stamps, s."""
+        self._variances = np.array([max(noise, _SMALLEST), jitter, jitter]) ** 2
+        _, inverse = self._least_squares([self._rows(part) for part in self._parts])
+        return inverse[: self._nodes, : self._nodes]
 
     def _delay_place(self, number: int) -> int:
         return self._nodes + BENDS * self._record.moves + 2 * number

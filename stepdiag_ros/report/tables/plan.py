@@ -210,8 +210,9 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
         f"Assumed: alignment {assumed.linear_alignment_s / 60.0:g} min for a linear line, "
         f"{assumed.diagonal_alignment_s / 60.0:g} min for a diagonal; in position "
         f"{assessment.machine.position_hold_s + assumed.settling_s:g} s after a move; every stop "
-        f"settles at once; standard uncertainty of a stop "
-        f"{assessment.stop_uncertainty * IN_MICRO:g} µm."
+        f"settles at once; standard uncertainty of a "
+        f"{'node on the fly' if assessment.plan.on_the_fly else 'stop'} "
+        f"{assessment.stop_uncertainty * IN_MICRO:.3g} µm."
     )
     sentences += _room_sentences(assessment)
     sentences += [
