@@ -6,6 +6,7 @@ messages. A run's identity is in every message and in no data class, so it is gi
 """
 
 from collections.abc import Iterable, Sequence
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from stepdiag_ros.metrology.measurement import (
     SettledStop,
     StopCommand,
 )
+from stepdiag_ros.metrology.on_the_fly.record import AxisDelay, Moved, Vibration
 from stepdiag_ros.metrology.plan import Line, kind_of
 from stepdiag_ros.metrology.refusal import Refusal
 
@@ -114,7 +116,51 @@ class _EnvironmentFields:
         message.material_temperature = float(value.material_temperature)
 
 
-_LINE, _ENVIRONMENT = _LineFields(), _EnvironmentFields()
+class _MovedFields:
+    """Delays and vibration of a line on the fly; bags from before they were recorded lack them."""
+
+    def read(self, message: Any) -> Moved | None:
+        """Return them; None of a line that was measured at stops.
+
+        Raises:
+            ValueError: not every delay has an axis and a standard uncertainty.
+        """
+        axes = list(getattr(message, "moved_axes", ()))
+        if not axes:
+            return None
+        delays, spread = vector(message.delay), vector(message.delay_standard_uncertainty)
+        if not len(axes) == len(delays) == len(spread):
+            raise Refusal(
+                f"MeasuredLine of line {message.line_index}: {len(axes)} moved_axes,"
+                f" {len(delays)} values of delay, {len(spread)} of delay_standard_uncertainty",
+                fault="mismatch",
+            )
+        return Moved(
+            delays=tuple(
+                AxisDelay(str(axis), float(delay), float(u))
+                for axis, delay, u in zip(axes, delays, spread, strict=True)
+            ),
+            vibration=Vibration(
+                float(message.vibration_frequency),
+                float(message.vibration_amplitude),
+                float(message.vibration_standard_uncertainty),
+            ),
+            common=float(message.common_standard_uncertainty),
+        )
+
+    def write(self, message: Any, value: Moved | None) -> None:
+        delays = () if value is None else value.delays
+        message.moved_axes = [one.axis for one in delays]
+        message.delay = doubles([one.delay for one in delays])
+        message.delay_standard_uncertainty = doubles([one.standard_uncertainty for one in delays])
+        message.common_standard_uncertainty = nan if value is None else value.common
+        vibration = Vibration() if value is None else value.vibration
+        message.vibration_frequency = vibration.frequency
+        message.vibration_amplitude = vibration.amplitude
+        message.vibration_standard_uncertainty = vibration.standard_uncertainty
+
+
+_LINE, _ENVIRONMENT, _MOVED = _LineFields(), _EnvironmentFields(), _MovedFields()
 _COMMAND = Carried(StopCommand, time=Header())
 _STOP = Carried(
     SettledStop,
@@ -129,7 +175,19 @@ ADDED_LATER = frozenset(
     name
     for kind in (Reading, StopCommand, SettledStop, BlockDisplacement, MeasuredLine)
     for name in defaults_of(kind)
-) | {"mirror_offset", "outcome", "standing", "until"}
+) | {
+    "mirror_offset",
+    "outcome",
+    "standing",
+    "until",
+    "moved_axes",
+    "delay",
+    "delay_standard_uncertainty",
+    "common_standard_uncertainty",
+    "vibration_frequency",
+    "vibration_amplitude",
+    "vibration_standard_uncertainty",
+}
 """Fields that older bags of this schema version lack: those with a default in their data class."""
 
 # -- readings, commands, arrivals ---------------------------------------------
@@ -298,6 +356,7 @@ def to_measured_line(message: Any) -> MeasuredLine:
         environment=np.column_stack([columns[name] for name in Environment._fields]),
         # Bags from before this was recorded do not tell it.
         overrun=float(getattr(message, "overrun", 0.0)),
+        moved=_MOVED.read(message),
     )
 
 
@@ -311,6 +370,7 @@ def from_measured_line(line: MeasuredLine, run_id: str, new: NewMessage = new_me
     message.kind = line.line.kind
     message.setup = line.setup
     message.overrun = line.overrun
+    _MOVED.write(message, line.moved)
     message.time = doubles(line.time)
     message.target = doubles(line.target)
     message.displacement = doubles(line.displacement)

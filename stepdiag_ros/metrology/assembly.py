@@ -31,6 +31,7 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.on_the_fly.flight import Flight, FlownLine, needs_corner_stops
+from stepdiag_ros.metrology.on_the_fly.record import Moved
 from stepdiag_ros.metrology.plan import Line, Plan, moved_axes
 from stepdiag_ros.metrology.plan_commands import check_command
 from stepdiag_ros.metrology.rising import Rising
@@ -78,6 +79,7 @@ class _OpenLine:
     last: SettledStop | None = None
     stops: dict[int, SettledStop] = field(default_factory=dict)
     void: set[int] = field(default_factory=set)
+    moved: Moved | None = None
 
 
 @dataclass
@@ -303,6 +305,7 @@ class Assembler:
         direction = np.array([float(beam.between(origin, axis)) for axis in np.eye(3)])
         readings = [] if line.since <= self._dropped_until else self._readings[part]
         flown, stops = flight.land(line.line, line.targets, direction, readings, stop.window_end)
+        line.moved = flown.found.moved
         if self._on_pass is not None:
             self._on_pass(flown)
         for decided in stops:
@@ -574,4 +577,5 @@ def _finished(line: _OpenLine, last: SettledStop, start: int, overrun: float) ->
         standard_uncertainty=uncertainty,
         environment=environment,
         overrun=overrun,
+        moved=line.moved,
     )

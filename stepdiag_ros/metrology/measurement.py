@@ -12,6 +12,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.on_the_fly.record import Moved
 from stepdiag_ros.metrology.plan import Line, Volume
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
@@ -153,6 +154,7 @@ class MeasuredLine:
         environment: shape (stops, 4), columns as in Environment.
         overrun: how far beyond its first stop the line was begun, so that this is approached in the
             sense of the line too (``Plan.run_up``), m; 0 if it was not, NaN if that is not known.
+        moved: delays and vibration of a line measured on the fly; None of one measured at stops.
 
     Raises:
         ValueError: a time, a place or a reading is infinite.
@@ -169,6 +171,7 @@ class MeasuredLine:
     standard_uncertainty: Vector
     environment: Vector
     overrun: float = 0.0
+    moved: Moved | None = None
 
     def __post_init__(self) -> None:
         for name in ("time", "target", "displacement", "standard_uncertainty"):

@@ -11,7 +11,8 @@ INTERFACES = sorted(
 )
 FIELD = re.compile(r"(?P<type>\S+)\s+(?P<name>\w+)(?P<value>=\S+)?\s*(?P<comment>#\s*\S.*)?$")
 UNIT = re.compile(
-    r"(m|m/s|rad|s|Pa|degC|1|0\.\.1)(?=[ ,;]|$)|.*\bin (its|that|their|the products of their) unit"
+    r"(m|m/s|rad|s|Hz|Pa|degC|1|0\.\.1)(?=[ ,;]|$)"
+    r"|.*\bin (its|that|their|the products of their) unit"
 )
 """How a comment begins that says in what a number is given, or where that stands."""
 

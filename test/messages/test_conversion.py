@@ -22,6 +22,7 @@ from stepdiag_ros.metrology.measurement import (
     SettledStop,
     StopCommand,
 )
+from stepdiag_ros.metrology.on_the_fly.record import AxisDelay, Moved, Vibration
 from stepdiag_ros.metrology.plan import Line
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
@@ -66,6 +67,11 @@ MEASURED = MeasuredLine(
     standard_uncertainty=np.array([1e-8, np.nan, 3e-8]),
     environment=np.arange(12.0).reshape(3, 4) / 3.0,
     overrun=0.0015,
+    moved=Moved(
+        (AxisDelay("X", -3e-4, 2e-6), AxisDelay("YZ", 1e-4, 3e-6)),
+        Vibration(40.5, 3e-7, 2e-9),
+        5e-9,
+    ),
 )
 RESULT = VolumetricErrors(
     method="least_squares",
@@ -91,6 +97,8 @@ def through_the_wire(type_name, message):
 
 def same(first, second):
     """Compare to the last bit; unknown equals unknown."""
+    if first is None or second is None:
+        return first is second
     if is_dataclass(first):
         return type(first) is type(second) and all(
             same(getattr(first, field.name), getattr(second, field.name))

@@ -29,6 +29,7 @@ from stepdiag_ros.metrology.measurement import (
     StopCommand,
 )
 from stepdiag_ros.metrology.model import STATUSES, MachineModel, ModelEffect, Provenance
+from stepdiag_ros.metrology.on_the_fly.record import AxisDelay, Moved, Vibration
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD, LINE_NAMES, STEP_DIAGONAL, Line
 from stepdiag_ros.metrology.samples import SampleBlock
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
@@ -40,6 +41,12 @@ LARGE = st.integers(0, 2**63 - 1)
 FLOATS = st.floats(allow_infinity=False)
 TEXTS = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=20)
 PLACES = st.tuples(FLOATS, FLOATS, FLOATS)
+MOVED = st.builds(
+    Moved,
+    st.lists(st.builds(AxisDelay, st.sampled_from(AXES), FLOATS, FLOATS), min_size=1).map(tuple),
+    st.builds(Vibration, FLOATS, FLOATS, FLOATS),
+    FLOATS,
+)
 AIR = st.builds(Environment, FLOATS, FLOATS, FLOATS, FLOATS)
 
 
@@ -72,6 +79,7 @@ def measured_lines(draw):
         standard_uncertainty=draw(vectors(count)),
         environment=draw(vectors(count, 4)),
         overrun=draw(FLOATS),
+        moved=draw(st.none() | MOVED),
     )
 
 

@@ -87,7 +87,7 @@ class AxisDelay:
 
 @dataclass(frozen=True)
 class Vibration:
-    """The strongest vibration of the mirror against the laser; a frequency of NaN: none was found.
+    """The strongest vibration of the mirror against the laser; all NaN: none was found.
 
     Attributes:
         frequency: Hz.
@@ -96,13 +96,29 @@ class Vibration:
     """
 
     frequency: float = nan
-    amplitude: float = 0.0
+    amplitude: float = nan
     standard_uncertainty: float = nan
 
     @property
     def found(self) -> bool:
         """Say whether there is one."""
         return isfinite(self.frequency)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What a line that was measured on the fly states beside the values of its nodes.
+
+    Attributes:
+        delays: of each axis, or group of axes, that moved alone.
+        vibration: of the mirror.
+        common: largest part of a node's standard uncertainty that comes from the delays, and so is
+            common to the line, m.
+    """
+
+    delays: tuple[AxisDelay, ...]
+    vibration: Vibration
+    common: float
 
 
 @dataclass(frozen=True)
@@ -193,6 +209,11 @@ class MovingPass:
     common: float = nan
     noise: float = nan
     curves: tuple[MoveCurve, ...] = ()
+
+    @property
+    def moved(self) -> Moved | None:
+        """Return what the pass states beside its nodes; None of a refused one."""
+        return Moved(self.delays, self.vibration, self.common) if self.delays else None
 
     @property
     def standard_uncertainty(self) -> Vector:
