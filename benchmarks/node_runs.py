@@ -105,7 +105,7 @@ def target_of(plan: Path, cell: Path, number: int) -> str:
 def measured(folder: Path, plan: str, cell: Path, factor: float, until: str = "") -> Path:
     """Return the bag of a run on nodes that are started for it."""
     nodes = nodes_of(folder, plan=plan, cell=str(cell), factor=factor, tick=0.004)
-    return MeasuringSession(nodes, folder, lambda news: None, until=until).measure()
+    return MeasuringSession(nodes, folder, lambda _: None, until=until).measure()
 
 
 def until_run(folder: Path, number: int) -> dict[str, Any]:
