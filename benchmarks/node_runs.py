@@ -96,8 +96,11 @@ def target_of(plan: Path, cell: Path, number: int) -> str:
     other = replace(other, chain=machine.chain, plausible=Plausible(machine.rotations))
     target = Target(quantity, 1.0, unit)
     ends = [end for end in line_ends(target, loaded) if end >= len(loaded.lines) // 4]
-    chosen = int(np.random.default_rng([number, 5]).choice(ends))
-    size = reached(target, first(other, chosen), results_of(first(other, chosen)))
+    chosen = int(np.random.default_rng([number, 5]).integers(len(ends)))
+    sizes = (
+        reached(target, first(other, end), results_of(first(other, end))) for end in ends[chosen:]
+    )
+    size = next(size for size in sizes if np.isfinite(size))
     text = f"{size * 1e6:.4f}"
     return f"{quantity}={text}{'um' if unit == 'm' else 'urad'}"
 

@@ -1,5 +1,6 @@
 """How the lines of a recorded run were measured on the fly: delays, vibration, time."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import nan
 
@@ -7,8 +8,10 @@ import numpy as np
 
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.metrology.assembly import assemble
+from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.on_the_fly.flight import FlownLine
 from stepdiag_ros.metrology.on_the_fly.record import AxisDelay, Vibration
+from stepdiag_ros.metrology.plan import Volume
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,9 @@ class FlownRun:
     Attributes:
         lines: every attempt, in order of time.
         delays: weighted means over the lines; their uncertainty is not below the scatter.
+        reversals: of each axis that moved in both directions, the delay in its positive sense less that in
+            its negative one. A force that bends the machine while it moves changes its sign with
+            the motion and looks like a delay, whereas clocks, filters and encoders do not.
         vibration: mean over the lines that show one.
         common: largest part of a node's standard uncertainty that is common to its line, m.
         seconds: from first to last stop of all lines together.
@@ -25,6 +31,7 @@ class FlownRun:
 
     lines: tuple[FlownLine, ...]
     delays: tuple[AxisDelay, ...]
+    reversals: tuple[AxisDelay, ...]
     vibration: Vibration
     common: float
     seconds: float
@@ -58,6 +65,7 @@ def flown_run(recorded: RecordedRun) -> FlownRun | None:
             _mean_delay([delay for found in good for delay in found.delays if delay.axis == axis])
             for axis in axes
         ),
+        reversals=reversals_of(lines, recorded.plan.volume),
         vibration=_mean_vibration(found_vibrations),
         common=max(found.common for found in good),
         seconds=sum(line.seconds for line in lines),
@@ -73,6 +81,28 @@ def _mean_delay(delays: list[AxisDelay]) -> AxisDelay:
         birge = float(np.sum(weights * (values - mean) ** 2)) / (len(delays) - 1)
         variance *= max(1.0, birge)
     return AxisDelay(delays[0].axis, mean, float(np.sqrt(variance)))
+
+
+def reversals_of(lines: Iterable[FlownLine], volume: Volume) -> tuple[AxisDelay, ...]:
+    """Return of each axis that moved in both directions its delay in positive less in negative motion.
+
+    Args:
+        lines: of a run.
+        volume: its box.
+    """
+    found: dict[str, dict[bool, list[AxisDelay]]] = {}
+    for line in lines:
+        stops = line.line.stops(volume)
+        for delay in line.found.delays:
+            positive = bool((stops[-1] - stops[0])[AXES.index(delay.axis[0])] > 0.0)
+            found.setdefault(delay.axis, {True: [], False: []})[positive].append(delay)
+    made = []
+    for axis, senses in sorted(found.items()):
+        if senses[True] and senses[False]:
+            up, down = _mean_delay(senses[True]), _mean_delay(senses[False])
+            spread = float(np.hypot(up.standard_uncertainty, down.standard_uncertainty))
+            made.append(AxisDelay(axis, up.delay - down.delay, spread))
+    return tuple(made)
 
 
 def _mean_vibration(vibrations: list[Vibration]) -> Vibration:

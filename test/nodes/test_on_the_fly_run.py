@@ -35,6 +35,8 @@ def test_lines_on_the_fly(make_cell, tmp_path):
     flown = flown_run(run)
     assert [line.found.reasons for line in flown.lines] == [("",) * 4, ("",) * 10, ("",) * 10]
     assert all(abs(one.delay) < 4.0 * one.standard_uncertainty < 40e-6 for one in flown.delays)
+    assert all(abs(one.delay) < 4.0 * one.standard_uncertainty for one in flown.reversals)
+    assert [one.axis for one in flown.reversals] == ["X", "Y", "Z"]
     assert abs(flown.vibration.frequency - 40.0) < 0.5
     assert [line.moved for line in run.lines] == [line.found.moved for line in flown.lines]
     assert main(["report", str(bag), "--json", "-o", str(tmp_path / "report")]) == 0

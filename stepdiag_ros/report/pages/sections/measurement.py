@@ -10,6 +10,7 @@ import numpy as np
 from stepdiag_ros import __version__
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.evaluation.flown import FlownRun
+from stepdiag_ros.metrology.on_the_fly.record import AxisDelay
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO
@@ -25,6 +26,8 @@ from stepdiag_ros.text.intake import parse_yaml
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Table, new_table
 
+_CLEAR = 3.0
+"""Standard uncertainties from which on delays differ with the sense of the motion."""
 _ANY_DATE = 1e8
 """s since 1970: a run that is said to be older tells no date."""
 _KINDS = {
@@ -211,11 +214,7 @@ def _flown_facts(material: Material) -> list[Fact]:
     flown = material.flown
     if flown is None:
         return []
-    delays = "; ".join(
-        f"{delay.axis} {plain(delay.delay * IN_MICRO, 1)} µs ±"
-        f" {plain(COVERAGE_FACTOR * delay.standard_uncertainty * IN_MICRO, 1)} µs"
-        for delay in flown.delays
-    )
+    differ = [one for one in flown.reversals if abs(one.delay) > _CLEAR * one.standard_uncertainty]
     vibration = flown.vibration
     shaken = (
         f"{plain(vibration.amplitude * IN_MICRO, 2)} µm at {plain(vibration.frequency, 1)} Hz,"
@@ -230,7 +229,24 @@ def _flown_facts(material: Material) -> list[Fact]:
             f" regression, and the corners are the nodes. {len(flown.lines)} passes in"
             f" {flown.seconds:.0f} s",
         ),
-        Fact("Readings behind positions", f"{delays} (k = {COVERAGE_FACTOR:g})"),
+        Fact("Readings behind positions", f"{_delays(flown.delays)} (k = {COVERAGE_FACTOR:g})"),
+        *(
+            [
+                Fact(
+                    "Delay, positive less negative motion",
+                    f"{_delays(flown.reversals)} (k = {COVERAGE_FACTOR:g})"
+                    + (
+                        f". {', '.join(one.axis for one in differ)}: a force that bends the machine"
+                        " while it moves, such as friction, acts as well; the curves between the"
+                        " nodes contain it, the nodes do not"
+                        if differ
+                        else ""
+                    ),
+                )
+            ]
+            if flown.reversals
+            else []
+        ),
         Fact("Vibration", shaken),
         Fact(
             "Common to a line",
@@ -238,6 +254,14 @@ def _flown_facts(material: Material) -> list[Fact]:
             " nodes comes from the delays",
         ),
     ]
+
+
+def _delays(delays: tuple[AxisDelay, ...]) -> str:
+    return "; ".join(
+        f"{delay.axis} {plain(delay.delay * IN_MICRO, 1)} µs ±"
+        f" {plain(COVERAGE_FACTOR * delay.standard_uncertainty * IN_MICRO, 1)} µs"
+        for delay in delays
+    )
 
 
 def _line_facts(plan: Plan) -> list[Fact]:
@@ -379,10 +403,8 @@ def _flown_document(flown: FlownRun) -> dict[str, Any]:
     return {
         "passes": len(flown.lines),
         "duration": flown.seconds,
-        "delays": {
-            one.axis: {"delay": one.delay, "standard_uncertainty": one.standard_uncertainty}
-            for one in flown.delays
-        },
+        "delays": _delays_document(flown.delays),
+        "delays_positive_less_negative_motion": _delays_document(flown.reversals),
         "vibration": {
             "frequency": vibration.frequency,
             "amplitude": vibration.amplitude,
@@ -391,6 +413,13 @@ def _flown_document(flown: FlownRun) -> dict[str, Any]:
         if vibration.found
         else None,
         "common_standard_uncertainty": flown.common,
+    }
+
+
+def _delays_document(delays: tuple[AxisDelay, ...]) -> dict[str, Any]:
+    return {
+        one.axis: {"delay": one.delay, "standard_uncertainty": one.standard_uncertainty}
+        for one in delays
     }
 
 
