@@ -112,12 +112,17 @@ def measured(folder: Path, plan: str, cell: Path, factor: float, until: str = ""
 
 
 def until_run(folder: Path, number: int) -> dict[str, Any]:
-    """Return of one machine and target: what was said, what holds, and the times."""
+    """Return what ``judged`` does of one machine and target."""
     plan = folder / "plan.yaml"
     plan.write_text(PLAN, encoding="utf-8")
     cell = cell_file(folder, "demo", 4000 + number)
     asked = target_of(plan, cell, number)
-    run = load_run(measured(folder, str(plan), cell, UNTIL_FACTOR, asked))
+    return judged(measured(folder, str(plan), cell, UNTIL_FACTOR, asked))
+
+
+def judged(bag: Path) -> dict[str, Any]:
+    """Return of a run with a target what was said, what holds, and the times."""
+    run = load_run(bag)
     pursuit = pursuit_from_text(run.until, run.plan, run.machine_text)
     assert pursuit is not None
     lines = run.measurement
@@ -131,11 +136,11 @@ def until_run(folder: Path, number: int) -> dict[str, Any]:
             break
     said = run.states[-1].target
     final = reached(pursuit.target, lines, results_of(lines))
-    start = run.start_time
-    taken = (run.states[-1].time - start) * 1e-9
+    start, last = run.start_time, lines.lines[-1].end_time
+    taken = (last - start) * 1e-9 + (run.states[-1].time - last) * 1e-9 / UNTIL_FACTOR
     possible = (lines.lines[(best or len(lines.lines)) - 1].end_time - start) * 1e-9
     return {
-        "asked": asked,
+        "asked": run.until,
         "said_reached": said is not None and said.state is TargetState.REACHED,
         "is_reached": bool(final <= pursuit.target.size),
         "lines": len(lines.lines),

@@ -488,7 +488,7 @@ COMMAND = Command(
     " plan. Lengths are in metres, times in seconds, as in plan files; uncertainties in µm.",
     epilog="examples:\n"
     "  stepdiag plan --for volumetric --machine my_machine.yaml\n"
-    "  stepdiag plan --for volumetric --machine demo --until 12um --time 2h\n"
+    "  stepdiag plan --for volumetric --machine demo --until 20um --time 2h\n"
     "  stepdiag plan --for squareness --travel 0.8 0.5 0.4 --chain YXZ --until 20urad\n"
     "  stepdiag plan --for straightness --machine demo --until 6um --nc\n"
     "  stepdiag plan --check my_plan.yaml --machine my_machine.yaml --nc my_plan.nc",

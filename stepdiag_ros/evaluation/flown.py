@@ -21,9 +21,9 @@ class FlownRun:
     Attributes:
         lines: every attempt, in order of time.
         delays: weighted means over the lines; their uncertainty is not below the scatter.
-        reversals: of each axis that moved in both directions, the delay in its positive sense less that in
-            its negative one. A force that bends the machine while it moves changes its sign with
-            the motion and looks like a delay, whereas clocks, filters and encoders do not.
+        reversals: of each axis that moved in both directions, the delay in its positive sense less
+            that in its negative one. A force that bends the machine while it moves changes its sign
+            with the motion and looks like a delay, whereas clocks, filters and encoders do not.
         vibration: mean over the lines that show one.
         common: largest part of a node's standard uncertainty that is common to its line, m.
         seconds: from first to last stop of all lines together.
@@ -84,7 +84,9 @@ def _mean_delay(delays: list[AxisDelay]) -> AxisDelay:
 
 
 def reversals_of(lines: Iterable[FlownLine], volume: Volume) -> tuple[AxisDelay, ...]:
-    """Return of each axis that moved in both directions its delay in positive less in negative motion.
+    """Return the delay of each axis in positive motion less that in negative motion.
+
+    Axes that moved in one direction alone are left out.
 
     Args:
         lines: of a run.

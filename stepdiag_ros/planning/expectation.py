@@ -31,7 +31,7 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.least_squares import estimate_of, result_of
 from stepdiag_ros.metrology.solvers.observations import observe
-from stepdiag_ros.metrology.solvers.rotations import expected_covariance, turned
+from stepdiag_ros.metrology.solvers.rotations import expected_moments, root_of, turned
 from stepdiag_ros.metrology.solvers.summary import (
     CurveEstimate,
     deviations_from_line,
@@ -136,12 +136,19 @@ def expect_with_rotations(
     nominal = nominal_measurement(plan, stop_uncertainty)
     measurement = replace(nominal, chain=chain, plausible=plausible)
     both = turned(measurement, observe(measurement))
-    if rotation:
-        covariance = expected_covariance(both.rotations.information, rotation)
-        both = replace(both, rotations=replace(both.rotations, covariance=covariance))
     volume = plan.volume
     places = _some_places(volume)
-    error_map = VolumetricMap.of_result(result_of(measurement, both), chain, plausible)
+    if rotation:
+        covariance, estimated = expected_moments(both.rotations.information, rotation)
+        both = replace(both, rotations=replace(both.rotations, covariance=covariance))
+    result = result_of(measurement, both)
+    if rotation and result.turned_factor.size:
+        # The lines of a perfect machine show no rotations; those of one that turns do.
+        shown = both.curves @ root_of(estimated)
+        still = np.zeros((len(result.turned_factor) - len(shown), shown.shape[1]))
+        factor = np.column_stack([result.turned_factor, np.concatenate([still, shown])])
+        result = replace(result, turned_factor=factor)
+    error_map = VolumetricMap.of_result(result, chain, plausible)
     variance = np.diagonal(error_map.covariance_at(places), axis1=1, axis2=2)
     return _expectation(
         estimate_of(both),

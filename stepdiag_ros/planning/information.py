@@ -10,7 +10,7 @@ rotations, both whitened and beyond the zero, and n the number of measurements o
     cov x = N⁻¹ + (N⁻¹X) cov c (N⁻¹X)ᵀ + (N⁻¹H)(N⁻¹H)ᵀ,
 
 L the scales of the laser in standard uncertainties, cov c by S and the plausible size s of the
-rotations (``rotations.expected_covariance``; about (S + 1/s²)⁻¹). That is ``least_squares`` for a
+rotations (``rotations.expected_moments``; about (S + 1/s²)⁻¹). That is ``least_squares`` for a
 machine that turns as much as is plausible. Drift at the machine's rate is
 not in that model: what it does to the solution follows from ``Information.gain``.
 """
@@ -36,7 +36,7 @@ from stepdiag_ros.metrology.plausible import MODES, Plausible, modes
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.lengths import length_readings
 from stepdiag_ros.metrology.solvers.observations import observe
-from stepdiag_ros.metrology.solvers.rotations import expected_covariance, mode_readings
+from stepdiag_ros.metrology.solvers.rotations import expected_moments, mode_readings
 from stepdiag_ros.metrology.solvers.summary import deviations_from_line, slope_weights
 from stepdiag_ros.metrology.target import VOLUMETRIC
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
@@ -174,8 +174,10 @@ class Information:
             if beyond is not None:
                 known.flat[:: len(known) + 1] += beyond
             open_to = rows.modes - solved @ cross
-            spread = expected_covariance(known, self._size)
+            spread, estimated = expected_moments(known, self._size)
             turned = turned + np.sum((open_to @ spread) * open_to, axis=1)
+            # The map of a result without rotations does not turn by what the lines show of them.
+            turned = turned + np.sum((rows.modes @ estimated) * rows.modes, axis=1)
         return Standing(rows, np.array([noise, turned, scale]))
 
     def limit(self, counts: Vector, name: str) -> str:

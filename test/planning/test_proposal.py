@@ -229,9 +229,9 @@ def test_every_plan_of_the_frontier_takes_longer_and_is_better_than_the_one_befo
 
 
 def test_a_wished_uncertainty_is_reached_by_the_shortest_plan_that_reaches_it():
-    loose = proposed("volumetric", until=Wish({"volumetric": 15e-6}))
-    fine = proposed("volumetric", until=Wish({"volumetric": 10e-6}))
-    for proposal, wish in ((loose, 15e-6), (fine, 10e-6)):
+    loose = proposed("volumetric", until=Wish({"volumetric": 20e-6}))
+    fine = proposed("volumetric", until=Wish({"volumetric": 14e-6}))
+    for proposal, wish in ((loose, 20e-6), (fine, 14e-6)):
         assert proposal.chosen.uncertainty <= wish * 1.001
         for other in proposal.front:
             if other.duration.total < proposal.chosen.duration.total:

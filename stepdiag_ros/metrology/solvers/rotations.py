@@ -386,14 +386,18 @@ def plausible_rotations(
     return rotations, change
 
 
-def expected_covariance(information: Vector, plausible: float) -> Vector:
-    """Return the covariance of the modes' factors to be expected if axes turn as is plausible.
+def expected_moments(information: Vector, plausible: float) -> tuple[Vector, Vector]:
+    """Return what is to be expected of the modes' factors if axes turn as is plausible.
 
-    That of ``plausible_rotations`` with the mean squares of v·b, λ + s² λ², in place of squares.
+    Those of ``plausible_rotations`` with the mean squares of v·b, λ + s² λ², in place of squares.
 
     Args:
         information: of the factors beyond all that is free, 1/rad², shape (k, k).
         plausible: size of the rotations, rad.
+
+    Returns:
+        the covariance of the factors, and the mean square and products of their estimates, which a
+        result that gives no rotations leaves to the uncertainty, rad², shape (k, k) each.
     """
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     values = np.where(values > _RANK_LIMIT * np.max(values, initial=0.0), values, 0.0)
@@ -403,7 +407,8 @@ def expected_covariance(information: Vector, plausible: float) -> Vector:
     given = _given(np.maximum(sizes, plausible), values)
     spread = share @ given + share @ (given - shrunk) ** 2 * square
     covariance: Vector = (vectors * spread) @ vectors.T
-    return covariance
+    estimated: Vector = (vectors * (shrunk**2 * square)) @ vectors.T
+    return covariance, estimated
 
 
 def _given(sizes: Vector, values: Vector) -> Vector:
