@@ -174,7 +174,8 @@ def _add_files(parser: ArgumentParser) -> None:
         nargs="?",
         const=Path(),
         metavar="FILE",
-        help="write the NC program, too (default: beside the plan, .nc)",
+        help="write the NC program, too (default: beside the plan, .nc), and beside it the sheet"
+        " for the operator (_sheet.txt)",
     )
     group.add_argument(
         "--picture",
@@ -391,6 +392,7 @@ def _files(
     """Return the content of every file that is to be written."""
     from stepdiag_ros.planning.moves import program_of
     from stepdiag_ros.planning.nc_writing import Dialect
+    from stepdiag_ros.planning.operator_sheet import operator_sheet
     from stepdiag_ros.planning.plan_text import plan_text
     from stepdiag_ros.report.plan_files import frontier_bytes, picture_bytes
     from stepdiag_ros.report.tables.plan import head_of_plan
@@ -409,6 +411,14 @@ def _files(
         )
         path = stem.with_suffix(".nc") if arguments.nc == Path() and stem else arguments.nc
         files[path] = program_of(assessment.plan, assessment.machine, dialect).encode("ascii")
+        sheet = operator_sheet(
+            assessment.plan,
+            assessment.machine,
+            path.name,
+            str(stem or arguments.check),
+            assessment.duration.assumptions,
+        )
+        files[path.with_name(f"{path.stem}_sheet.txt")] = sheet.encode("utf-8")
     picture = arguments.picture
     if picture is None and stem is not None and not arguments.no_picture:
         picture = stem.with_suffix(".png")

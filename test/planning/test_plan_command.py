@@ -40,7 +40,8 @@ def test_a_proposal_is_written_and_shown(folder, capsys):
     ):
         assert words in shown.out
     assert (
-        "wrote quick_plan.yaml, quick_plan.nc, quick_plan.png, quick_plan_frontier.png" in shown.err
+        "wrote quick_plan.yaml, quick_plan.nc, quick_plan_sheet.txt, quick_plan.png,"
+        in " ".join(shown.err.split())
     )
     plan = load_plan(folder / "quick_plan.yaml")[0]
     assert beyond_machine(plan, load_machine("demo")[0]) == ""
