@@ -119,7 +119,7 @@ class RecorderNode(StepdiagNode):
         writer = BagWriter(self._free_path(description.run_id), header)
         self._writer, self._close_at, self._failure = writer, None, ""
         # Whoever joins just now, such as the operator who has started the run, is not waited for.
-        self._say_ready()
+        self.ready()
         self._bag_run = description.run_id
         for fact in (BAG_CLOSED, BAG_FAILURE):
             self.facts.pop(fact, None)
