@@ -5,7 +5,7 @@ from math import inf, nan
 from numbers import Real
 from typing import Any, TypeVar
 
-from stepdiag_ros.metrology.refusal import Fault, Refusal
+from stepdiag_ros.metrology.refusal import Fault, Findings, Refusal
 from stepdiag_ros.metrology.spelling import nearest
 
 UNKNOWN = "unknown"
@@ -285,16 +285,20 @@ class Section:
         return [str(key) for key in self._mapping]
 
     def finish(self) -> None:
-        """Refuse keys that nothing has asked for: they are typing errors."""
+        """Refuse keys that nothing has asked for: they are typing errors; all of them at once."""
+        findings = Findings()
         for key in self._mapping:
             if key not in self._taken:
                 near = nearest(key, sorted(self._taken))
                 known = ", ".join(sorted(self._taken)) or "none"
                 few = len(self._taken) <= _MOST_LISTED
                 hint = f"; did you mean '{near}'?" if near else f"; known: {known}" * few
-                raise Refusal(
-                    f"{self._source}: unknown key '{key}'{hint}",
-                    fault="unknown",
-                    about=str(key),
-                    where=self._source,
+                findings.found.append(
+                    Refusal(
+                        f"{self._source}: unknown key '{key}'{hint}",
+                        fault="unknown",
+                        about=str(key),
+                        where=self._source,
+                    )
                 )
+        findings.refuse()

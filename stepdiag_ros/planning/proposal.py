@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS
 from stepdiag_ros.metrology.plan import FORWARD, Plan, Volume
-from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.refusal import Findings, Refusal
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.candidates import (
     BLOCKS,
@@ -75,6 +75,35 @@ class PlanProposal:
         return wished[0] if alone else purpose.target
 
 
+def check_request(request: Request) -> PlanPurpose:
+    """Return the purpose of a request that does not contradict itself.
+
+    Raises:
+        ValueError: it does, or the purpose is not possible; a sentence for each contradiction.
+    """
+    findings = Findings()
+    purpose = findings.of(lambda: purpose_of(request), None)
+    if request.purpose in PURPOSES:
+        findings.of(lambda: _check_overrun(request), None)
+    findings.of(
+        lambda: travel_box(request.machine, request.margin, request.low, request.high), None
+    )
+    findings.refuse()
+    assert purpose is not None
+    return purpose
+
+
+def _check_overrun(request: Request) -> None:
+    overrun = request.overrun_or_usual
+    if overrun > request.margin:
+        raise Refusal(
+            f"an overrun of {overrun:g} m does not fit into the margin of "
+            f"{request.margin:g} m at the ends of the travel",
+            fault="out_of_range",
+            aspect="overrun",
+        )
+
+
 def propose(request: Request) -> PlanProposal:
     """Seek the plan for a request.
 
@@ -86,15 +115,7 @@ def propose(request: Request) -> PlanProposal:
         ValueError: the request contradicts itself or the machine, or no candidate fulfils it; says
             what the nearest one gives, and what limits it.
     """
-    purpose = purpose_of(request)
-    overrun = request.overrun_or_usual
-    if overrun > request.margin:
-        raise Refusal(
-            f"an overrun of {overrun:g} m does not fit into the margin of "
-            f"{request.margin:g} m at the ends of the travel",
-            fault="out_of_range",
-            aspect="overrun",
-        )
+    purpose = check_request(request)
     return _by_exchange(request, purpose) if purpose.kinds else _prescribed(request, purpose)
 
 

@@ -104,6 +104,32 @@ def test_the_dialect_is_as_asked(folder, capsys):
     assert len(Controller("F_s").run(text).stays) == load_plan("demo")[0].stop_count
 
 
+def test_all_wishes_that_cannot_be_met_are_said_at_once(folder, capsys):
+    wrong = ["--until", "E_QQ=1um", "--overrun", "0.1", "--to", "9", "9", "0.06"]
+    arguments = ["--for", "volumetric", "--machine", "demo", "--chain", "XYZ", *wrong]
+    assert cli.main(["plan", *arguments]) == 1
+    error = " ".join(capsys.readouterr().err.split())
+    for name in ("--chain", "E_QQ", "overrun of 0.1 m", "box runs X", "box runs Y"):
+        assert name in error
+    assert "box runs Z" not in error
+    assert not list(folder.iterdir())
+
+
+def test_all_that_is_wrong_in_a_plan_and_beside_it_is_said_at_once(folder, capsys):
+    (folder / "p.yaml").write_text(
+        "step_m: [0.01, 0.01, 0]\nblocks: 0\nrepeat: 2\nfeed_m_per_s: 20\n"
+        "lines:\n  - {kind: linear, names: [w]}\n  - {kind: linear, names: [x], way: 1}\n"
+        "sampling: {dwell_s: -1, window_s: x}\n"
+    )
+    arguments = ["--check", "p.yaml", "--machine", "nothing", "--time", "2h", "--dwell", "2"]
+    assert cli.main(["plan", *arguments]) == 1
+    error = " ".join(capsys.readouterr().err.split())
+    keys = ("step_m", "blocks", "repeat", "feed_m_per_s", "names", "way", "dwell_s", "window_s")
+    for name in (*keys, "--time", "--dwell", "machine 'nothing'"):
+        assert name in error
+    assert error.count("stepdiag: error:") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
