@@ -7,11 +7,13 @@ free, the sets of lines of the purpose are tried.
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS
 from stepdiag_ros.metrology.plan import FORWARD, Plan, Volume
 from stepdiag_ros.metrology.refusal import Findings, Refusal
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.planning.assumed_rotations import AssumedRotations, assumed_rotations
 from stepdiag_ros.planning.candidates import (
     BLOCKS,
     PURPOSES,
@@ -66,6 +68,11 @@ class PlanProposal:
     front: tuple[PlanCandidate, ...]
     considered: int
     discarded: tuple[str, ...]
+
+    @cached_property
+    def assumed(self) -> AssumedRotations | None:
+        """Return the size of rotations without which the wish is not reached; None if it is."""
+        return assumed_rotations(self.request, self.chosen)
 
     @property
     def figure(self) -> str:

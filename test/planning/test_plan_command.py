@@ -9,6 +9,7 @@ from stepdiag_ros import cli
 from stepdiag_ros.commands import plan as command
 from stepdiag_ros.configuration import load_machine, load_plan
 from stepdiag_ros.metrology.geometry import CHAINS
+from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS
 from stepdiag_ros.planning.assessment import assess
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.nc_writing import DWELL_FORMS
@@ -102,6 +103,35 @@ def test_the_dialect_is_as_asked(folder, capsys):
     text = (folder / "p.nc").read_text("ascii")
     assert text.startswith("O0007 (DEMO") and "\nN10 (" in text and " X10.00000\n" in text
     assert len(Controller("F_s").run(text).stays) == load_plan("demo")[0].stop_count
+
+
+@pytest.mark.parametrize(("rotations", "below_usual"), [("precision", True), ("", False)])
+def test_a_wish_that_rests_on_assumed_rotations_is_said_to(folder, capsys, rotations, below_usual):
+    lines = [one for one in load_machine("demo")[1].splitlines() if not one.startswith("rotations")]
+    given = [f"rotations: {rotations}"] if rotations else []
+    (folder / "m.yaml").write_text("\n".join(lines + given))
+    wish = ["--for", "volumetric", "--machine", "m.yaml", "--until", "12um", "--no-picture"]
+    assert cli.main(["plan", *wish, "--json"]) == 0
+    proposal = json.loads(capsys.readouterr().out)["proposal"]
+    assumed = proposal["assumed_rotations"]
+    assert assumed["size"] == (CLASSES[rotations] if rotations else CLASSES[DEFAULT_CLASS])
+    assert assumed["without"] is None, "step diagonals alone do not determine rotations"
+    if below_usual:
+        assert assumed["with_usual"] > proposal["chosen"]["expanded_uncertainty"]
+    else:
+        assert assumed["with_usual"] is None
+    assert cli.main(["plan", *wish, "--force"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "assumption" in said and f"{assumed['size'] * 1e6:g} µrad" in said
+    if below_usual:
+        assert f"{assumed['with_usual'] * 1e6:.2g} µm" in said
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_wish_that_rests_on_nothing_is_not_said_to(capsys):
+    wish = ["--for", "volumetric", "--machine", "demo", "--no-picture", "--json"]
+    assert cli.main(["plan", *wish]) == 0
+    assert json.loads(capsys.readouterr().out)["proposal"]["assumed_rotations"] is None
 
 
 def test_all_wishes_that_cannot_be_met_are_said_at_once(folder, capsys):
