@@ -6,7 +6,7 @@ from numbers import Real
 from typing import Any, TypeVar
 
 from stepdiag_ros.metrology.refusal import Fault, Findings, Refusal
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 
 UNKNOWN = "unknown"
 """What a file says where a number is not known."""
@@ -199,7 +199,7 @@ class Section:
         for name in listed:
             if name not in known:
                 near = nearest(name, known)
-                hint = f"; did you mean '{near}'?" if near else ""
+                hint = f"; {suggestion(near)}" if near else ""
                 expected = f"one of {', '.join(known)}{hint}"
                 raise self._wrong(key, name, expected, fault="unknown")
         return tuple(listed)
@@ -292,7 +292,7 @@ class Section:
                 near = nearest(key, sorted(self._taken))
                 known = ", ".join(sorted(self._taken)) or "none"
                 few = len(self._taken) <= _MOST_LISTED
-                hint = f"; did you mean '{near}'?" if near else f"; known: {known}" * few
+                hint = f"; {suggestion(near)}" if near else f"; known: {known}" * few
                 findings.found.append(
                     Refusal(
                         f"{self._source}: unknown key '{key}'{hint}",
