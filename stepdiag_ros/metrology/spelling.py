@@ -23,6 +23,6 @@ def suggestion(near: str, otherwise: str = "") -> str:
 
     Args:
         near: that name; empty where none is near.
-        otherwise: what is said then.
+        otherwise: the words to return then.
     """
     return f"did you mean '{near}'?" if near else otherwise

@@ -180,7 +180,7 @@ class Proposal:
     assumed_rotations: (
         Annotated[
             AssumedRotations | None,
-            means("null: the wish is reached without it, or there is none."),
+            means("null: nothing was wished, or the wish is reached without it."),
         ]
         | UnsetType
     ) = UNSET
