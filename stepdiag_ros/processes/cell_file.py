@@ -101,6 +101,12 @@ def given_to(path: str, names: Iterable[str]) -> dict[str, dict[str, Any]]:
         ValueError: the file cannot be read, or is meant for a node that is not there.
     """
     given: dict[str, dict[str, Any]] = {name: {} for name in names}
+    if not Path(path).exists():
+        raise Refusal(
+            f"there is no parameter file {path}. 'stepdiag parameters --yaml > cell.yaml' writes"
+            " one with all defaults",
+            fault="not_found",
+        )
     for pattern, values in load_parameter_file(path):
         meant = [name for name in given if matches(pattern, f"/{name}")]
         if not meant:
