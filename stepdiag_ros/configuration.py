@@ -15,7 +15,7 @@ import yaml
 from stepdiag_ros import resources
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 from stepdiag_ros.text.intake import parse_yaml
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def find(name_or_path: str | Path, folder: Folder) -> Path:
     beside = [str(one) for one in path.parent.glob("*.y*ml")]
     # A path is meant where it has an ending; a name of the package has none.
     near = nearest(path, beside) if path.suffix else near
-    hint = f"did you mean {near}? Give" if near else "give"
+    hint = f"{suggestion(near)} Give" if near else "give"
     is_path = path.suffix or len(path.parts) > 1
     why = ", because this file does not exist" if is_path else ""
     raise Refusal(

@@ -10,7 +10,7 @@ from stepdiag_ros.bags.csv_cells import unguarded
 from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.table_rows import read_text, refusal
 from stepdiag_ros.metrology.refusal import Fault
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 
 
 class PlainRow:
@@ -114,7 +114,7 @@ def _meant(
 ) -> str:
     """Ask whether a column that is there is a misspelling of one that is missing."""
     near = nearest(name, [one for one in header if one not in (*columns, *optional)])
-    return f"; there is an unknown column '{near}': did you mean '{name}'?" if near else ""
+    return f"; there is an unknown column '{near}': {suggestion(name)}" if near else ""
 
 
 def _check_header(

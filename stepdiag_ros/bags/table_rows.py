@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.geometry import AXES, move_orders
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, LINE_NAMES, STEP_DIAGONAL
 from stepdiag_ros.metrology.refusal import Fault
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 
 ENVIRONMENT_COLUMNS = (
     "air_temperature_degC",
@@ -251,7 +251,7 @@ def _places(header: list[str], source: str) -> dict[str, int]:
         unknown = [name for name in names if name and name not in known]
         near = nearest(missing[0], unknown)
         hint = f"; there is an unknown column '{near or unknown[0]}'" if unknown else ""
-        hint += f": did you mean '{missing[0]}'?" if near else ""
+        hint += f": {suggestion(missing[0])}" if near else ""
         if missing[0] in ENVIRONMENT_COLUMNS:
             hint += "; its cells may be empty if it was not measured"
         raise refusal(source, 1, f"column '{missing[0]}' is missing{hint}", fault="missing")
@@ -263,7 +263,7 @@ def _places(header: list[str], source: str) -> dict[str, int]:
         near = nearest(name, known, _MISSPELT)
         if name not in known and near:
             raise refusal(
-                source, 1, f"unknown column '{name}'; did you mean '{near}'?", fault="unknown"
+                source, 1, f"unknown column '{name}'; {suggestion(near)}", fault="unknown"
             )
     return {name: names.index(name) for name in known if name in names}
 

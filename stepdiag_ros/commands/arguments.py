@@ -13,7 +13,7 @@ from pathlib import Path
 from shutil import get_terminal_size
 from typing import Any, NoReturn
 
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 from stepdiag_ros.text.terminal import columns, fitted
 
 _HIGHEST_PORT = 65535
@@ -46,7 +46,7 @@ def fit_line(line: str, width: int) -> str:
 def no_such(value: object, known: Sequence[str], kind: str = "") -> str:
     """Say that a word is not among those to choose from, and which may have been meant."""
     near = nearest(value, known)
-    hint = f"did you mean {near}?" if near else f"choose from {', '.join(known)}"
+    hint = suggestion(near, f"choose from {', '.join(known)}")
     return f"there is no {kind}'{value}'; {hint}"
 
 
@@ -149,7 +149,7 @@ class CommandParser(HintingParser):
         # All begin with two dashes, which makes none of them alike.
         names = [one[2:] for one in self._option_string_actions if one.startswith("--")]
         near = nearest(wrong.lstrip("-"), names)
-        hint = f"did you mean --{near}?" if near else f"'{self.prog} --help' lists them"
+        hint = suggestion(near and f"--{near}", f"'{self.prog} --help' lists them")
         self.error(f"there is no option {wrong}; {hint}")
 
 

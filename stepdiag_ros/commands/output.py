@@ -46,12 +46,9 @@ def number(text: str, low: float, high: float) -> float:
     Raises:
         argparse.ArgumentTypeError: it is not a number, or not within [low, high].
     """
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
+    value = _parsed(text)
     if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"{text} is not between {low:.15g} and {high:.15g}")
+        raise argparse.ArgumentTypeError(_beyond(text, low, high))
     return value
 
 
@@ -62,21 +59,26 @@ def metres(text: str, low: float, high: float) -> float:
         argparse.ArgumentTypeError: it is not a number, or not within [low, high]; says what it
             would be if it was meant in millimetres.
     """
-    try:
-        return number(text, low, high)
-    except argparse.ArgumentTypeError as error:
-        said = f"{error} m; lengths are in metres" if _is_number(text) else str(error)
-        meant = float(text) * 1e-3 if _is_number(text) else low - 1.0
-        if low <= meant <= high and meant:
-            said += f": did you mean {meant:.6g}?"
-        raise argparse.ArgumentTypeError(said) from None
+    value = _parsed(text)
+    if low <= value <= high:
+        return value
+    said, meant = _beyond(text, low, high), value * 1e-3
+    if math.isfinite(value):
+        said += " m; lengths are in metres"
+    if low <= meant <= high and meant:
+        said += f": did you mean {meant:.6g}?"
+    raise argparse.ArgumentTypeError(said)
 
 
-def _is_number(text: str) -> bool:
+def _parsed(text: str) -> float:
     try:
-        return math.isfinite(float(text))
+        return float(text)
     except ValueError:
-        return False
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
+
+
+def _beyond(text: str, low: float, high: float) -> str:
+    return f"{text} is not between {low:.15g} and {high:.15g}"
 
 
 def say(text: str) -> None:

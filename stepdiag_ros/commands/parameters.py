@@ -4,7 +4,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 
 from stepdiag_ros.commands.arguments import Command, Group
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 from stepdiag_ros.parameters.declaration import DeclaredNode
 from stepdiag_ros.parameters.nodes import NODES
 
@@ -53,7 +53,7 @@ def _node(name: str) -> DeclaredNode:
             return node
     known = [node.module for node in NODES]
     near = nearest(name, known)
-    hint = f"did you mean {near}?" if near else f"use {', '.join(known)}"
+    hint = suggestion(near, f"use {', '.join(known)}")
     raise ValueError(f"there is no node '{name}'; {hint}")
 
 

@@ -11,10 +11,10 @@ from stepdiag_ros.commands.output import metres, number, say, warn
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.machine import Machine
     from stepdiag_ros.metrology.on_the_fly.expected import Streams
-    from stepdiag_ros.metrology.plan import Sampling
+    from stepdiag_ros.metrology.plan import Plan, Sampling
+    from stepdiag_ros.metrology.refusal import Findings
     from stepdiag_ros.planning.assessment import Assessment
     from stepdiag_ros.planning.duration import Assumptions
-    from stepdiag_ros.planning.expectation import Noise
     from stepdiag_ros.planning.offers import StopNoise
     from stepdiag_ros.planning.proposal import PlanProposal
     from stepdiag_ros.planning.request import Request
@@ -205,7 +205,8 @@ def _add_files(parser: ArgumentParser) -> None:
         nargs="?",
         const=Path(),
         metavar="FILE",
-        help="write the NC program, too (default: beside the plan, .nc)",
+        help="write the NC program, too (default: beside the plan, .nc), and beside it the sheet"
+        " for the operator (_sheet.txt)",
     )
     group.add_argument(
         "--picture",
@@ -269,37 +270,40 @@ def run(arguments: Namespace) -> int:
     """Propose or check a plan, show it, write the files."""
     import sys
 
-    from stepdiag_ros import configuration
+    from stepdiag_ros.metrology.refusal import Findings
     from stepdiag_ros.planning.assessment import assess
-    from stepdiag_ros.planning.offers import node_uncertainty
-    from stepdiag_ros.planning.proposal import propose
+    from stepdiag_ros.planning.duration import Assumptions
+    from stepdiag_ros.planning.offers import StopNoise, noise_of_stops
+    from stepdiag_ros.planning.proposal import check_request, propose
     from stepdiag_ros.report.documents.plan import assessment_json
     from stepdiag_ros.report.plan_files import write_new
     from stepdiag_ros.report.tables.plan import print_assessment
     from stepdiag_ros.text.console import make_console
 
-    _refuse_what_does_not_go_together(arguments)
-    machine = _machine(arguments)
-    noise = _noise(arguments)
-    assumptions = _assumptions(arguments)
+    findings = Findings()
+    _find_what_does_not_go_together(arguments, findings)
+    machine = findings.of(lambda: _machine(arguments), None)
+    noise = findings.of(lambda: _noise(arguments), StopNoise(1e-6, 0.0))
+    assumptions = findings.of(lambda: _assumptions(arguments), Assumptions())
     proposal: PlanProposal | None = None
+    stem = None
     if arguments.check is not None:
-        plan = configuration.load_plan(arguments.check)[0]
-        if plan.tracker is not None:
-            raise ValueError(
-                f"{arguments.check} is a plan with a tracker, which 'stepdiag tracker plan'"
-                " checks when it makes the plan"
-            )
-        stem = None
+        plan = findings.of(lambda: _standing_plan(arguments.check), None)
+        findings.refuse()
     else:
-        proposal = propose(_request(arguments, machine, noise, assumptions))
+        nothing: dict[str, float] = {}
+        until = findings.of(lambda: _until(arguments), nothing)
+        if machine is not None:
+            request = _request(arguments, machine, noise, assumptions, until)
+            findings.of(lambda: check_request(request), None)
+        findings.refuse()
+        proposal = propose(request)
         plan = proposal.chosen.plan
         stem = arguments.output or Path(f"{arguments.purpose}_plan.yaml")
-    stop: Noise = noise.of(plan.sampling.window)
-    if plan.on_the_fly:
-        streams = _streams(arguments, noise)
-        stop = node_uncertainty(plan, machine, noise.place, streams, assumptions)
-    assessment = assess(plan, machine, stop, assumptions)
+    assert machine is not None
+    assert plan is not None
+    stops = noise_of_stops(plan, machine, noise, _streams(arguments, noise), assumptions)
+    assessment = assess(plan, machine, stops, assumptions)
     files = _files(arguments, assessment, proposal, stem)
     # Refused before anything is printed: the user must not take the plan for written.
     write_new(files, arguments.force)
@@ -314,13 +318,14 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
-def _refuse_what_does_not_go_together(arguments: Namespace) -> None:
+def _find_what_does_not_go_together(arguments: Namespace, findings: "Findings") -> None:
+    from stepdiag_ros.metrology.refusal import Refusal
+
     if arguments.machine is not None:
         for option in ("chain", "acceleration"):
             if getattr(arguments, option) is not None:
-                raise ValueError(
-                    f"--{option} goes with --travel; the file of --machine states it already"
-                )
+                words = f"--{option} goes with --travel; the file of --machine states it already"
+                findings.found.append(Refusal(words, fault="mismatch", about=f"--{option}"))
     if arguments.check is None:
         return
     wishes = {
@@ -341,9 +346,30 @@ def _refuse_what_does_not_go_together(arguments: Namespace) -> None:
     }
     for name, option in wishes.items():
         if getattr(arguments, name) not in (None, False):
-            raise ValueError(f"--{option} goes with --for: a plan that is there is not changed")
+            words = f"--{option} goes with --for: a plan that is there is not changed"
+            findings.found.append(Refusal(words, fault="mismatch", about=f"--{option}"))
     if arguments.nc == Path():
-        raise ValueError("with --check, --nc needs the name of the file to write")
+        words = "with --check, --nc needs the name of the file to write"
+        findings.found.append(Refusal(words, fault="missing", about="--nc"))
+
+
+def _standing_plan(name: str) -> "Plan":
+    from stepdiag_ros import configuration
+
+    plan = configuration.load_plan(name)[0]
+    if plan.tracker is not None:
+        raise ValueError(
+            f"{name} is a plan with a tracker, which 'stepdiag tracker plan' checks when it makes"
+            " the plan"
+        )
+    return plan
+
+
+def _until(arguments: Namespace) -> dict[str, float]:
+    """Return the wished uncertainties by quantity; empty without a wish."""
+    from stepdiag_ros.planning.request import limits_of
+
+    return {} if arguments.until is None else limits_of(arguments.purpose, arguments.until)
 
 
 def _machine(arguments: Namespace) -> "Machine":
@@ -404,12 +430,16 @@ def _streams(arguments: Namespace, noise: "StopNoise") -> "Streams":
 
 
 def _request(
-    arguments: Namespace, machine: "Machine", noise: "StopNoise", assumptions: "Assumptions"
+    arguments: Namespace,
+    machine: "Machine",
+    noise: "StopNoise",
+    assumptions: "Assumptions",
+    until: dict[str, float],
 ) -> "Request":
-    from stepdiag_ros.planning.request import Request, limits_of
+    from stepdiag_ros.planning.request import Request
 
     given: dict[str, Any] = {
-        "until": None if arguments.until is None else limits_of(arguments.purpose, arguments.until),
+        "until": until or None,
         "time_limit": arguments.time,
         "feed": arguments.feed,
         "margin": arguments.margin,
@@ -442,6 +472,7 @@ def _files(
     """Return the content of every file that is to be written."""
     from stepdiag_ros.planning.moves import program_of
     from stepdiag_ros.planning.nc_writing import Dialect
+    from stepdiag_ros.planning.operator_sheet import operator_sheet
     from stepdiag_ros.planning.plan_text import plan_text
     from stepdiag_ros.report.plan_files import frontier_bytes, picture_bytes
     from stepdiag_ros.report.tables.plan import head_of_plan
@@ -460,6 +491,14 @@ def _files(
         )
         path = stem.with_suffix(".nc") if arguments.nc == Path() and stem else arguments.nc
         files[path] = program_of(assessment.plan, assessment.machine, dialect).encode("ascii")
+        sheet = operator_sheet(
+            assessment.plan,
+            assessment.machine,
+            path.name,
+            str(stem or arguments.check),
+            assessment.duration.assumptions,
+        )
+        files[path.with_name(f"{path.stem}_sheet.txt")] = sheet.encode("utf-8")
     picture = arguments.picture
     if picture is None and stem is not None and not arguments.no_picture:
         picture = stem.with_suffix(".png")

@@ -233,9 +233,10 @@ class _Once:
         if run["run_id"]:
             self._screen.print()
             return 0
-        for fault in self._state.document("faults")["faults"]:
-            # What is missing for a run to begin.
-            print(f"{fault['level']}: {fault['who']}: {fault['text']}")
+        told = self._state.document("faults")
+        # What is missing for a run to begin.
+        for one in [*told["faults"], *told["starting"]]:
+            print(f"{one.get('level', 'starting')}: {one['who']}: {one['text']}")
         if run["state"]:
             raise ValueError(f"no run has begun: {run['words']} ({self._contact})")
         raise ValueError(

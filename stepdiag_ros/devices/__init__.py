@@ -30,7 +30,7 @@ from stepdiag_ros.devices.weather import WeatherDevice
 from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 
 NO_DRIVER = "driver"
 """``aspect`` of a refusal where the driver itself is at fault, not a setting of it."""
@@ -136,7 +136,7 @@ def _driver(kind: Kind, name: str) -> _Driver:
     if not found:
         known = known_drivers(kind)
         near = nearest(name, known)
-        hint = f"did you mean {near}? K" if near else "k"
+        hint = f"{suggestion(near)} K" if near else "k"
         raise Refusal(
             f"there is no {kind} driver '{name}'; {hint}nown: {', '.join(known)}",
             fault="unknown",

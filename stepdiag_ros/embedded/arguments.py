@@ -172,10 +172,7 @@ def load_parameter_file(path: str) -> list[tuple[str, dict[str, Any]]]:
     try:
         content = yaml_values.read(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise ArgumentError(
-            f"There is no parameter file {path}. 'stepdiag parameters --yaml > cell.yaml' writes"
-            " one with all defaults."
-        ) from error
+        raise ArgumentError(f"There is no parameter file {path}.") from error
     except OSError as error:
         raise ArgumentError(
             f"The parameter file {path} cannot be read: {error.strerror}."

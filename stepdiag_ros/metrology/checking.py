@@ -5,8 +5,8 @@ from math import inf, nan
 from numbers import Real
 from typing import Any, TypeVar
 
-from stepdiag_ros.metrology.refusal import Fault, Refusal
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.refusal import Fault, Findings, Refusal
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 
 UNKNOWN = "unknown"
 """What a file says where a number is not known."""
@@ -199,7 +199,7 @@ class Section:
         for name in listed:
             if name not in known:
                 near = nearest(name, known)
-                hint = f"; did you mean '{near}'?" if near else ""
+                hint = f"; {suggestion(near)}" if near else ""
                 expected = f"one of {', '.join(known)}{hint}"
                 raise self._wrong(key, name, expected, fault="unknown")
         return tuple(listed)
@@ -285,16 +285,20 @@ class Section:
         return [str(key) for key in self._mapping]
 
     def finish(self) -> None:
-        """Refuse keys that nothing has asked for: they are typing errors."""
+        """Refuse keys that nothing has asked for: they are typing errors; all of them at once."""
+        findings = Findings()
         for key in self._mapping:
             if key not in self._taken:
                 near = nearest(key, sorted(self._taken))
                 known = ", ".join(sorted(self._taken)) or "none"
                 few = len(self._taken) <= _MOST_LISTED
-                hint = f"; did you mean '{near}'?" if near else f"; known: {known}" * few
-                raise Refusal(
-                    f"{self._source}: unknown key '{key}'{hint}",
-                    fault="unknown",
-                    about=str(key),
-                    where=self._source,
+                hint = f"; {suggestion(near)}" if near else f"; known: {known}" * few
+                findings.found.append(
+                    Refusal(
+                        f"{self._source}: unknown key '{key}'{hint}",
+                        fault="unknown",
+                        about=str(key),
+                        where=self._source,
+                    )
                 )
+        findings.refuse()

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from stepdiag_ros.metrology.geometry import (
     line_signs,
     move_orders,
 )
-from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.refusal import Findings, Refusal
 from stepdiag_ros.metrology.tracker.box import Box
 from stepdiag_ros.metrology.tracker.instrument import Tracker
 from stepdiag_ros.metrology.tracker.route import TrackerRoute
@@ -394,80 +395,108 @@ class Plan:
         Raises:
             ValueError: names the source, the key, what is wrong and what is expected.
         """
-        plan = Section(mapping, source)
-        volume = Volume(
-            origin=plan.vector("origin_m", default=(0.0, 0.0, 0.0)),
-            step=plan.vector("step_m", low=1e-6, high=10.0),
-            blocks=plan.integer("blocks", low=1, high=1000),
+        plan, findings = Section(mapping, source), Findings()
+        of = findings.of
+        volume = of(lambda: _volume(plan), Volume((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 1))
+        repeats = of(lambda: plan.integer("repeats", low=1, high=1000, default=1), 1)
+        forward: tuple[str, ...] = (FORWARD,)
+        directions = of(
+            lambda: plan.names("directions", (FORWARD, BACKWARD), default=forward), forward
         )
-        repeats = plan.integer("repeats", low=1, high=1000, default=1)
-        directions = plan.names("directions", (FORWARD, BACKWARD), default=(FORWARD,))
-        groups = plan.sections("lines")
-        lines = no_more_than(
-            MOST_STOPS,
-            _counted_on(
-                line for group in groups for line in _lines_of_group(group, repeats, directions)
-            ),
-            lambda line: len(line.stops(volume)),
-            f"{source}: the lines have more than {MOST_STOPS} stops; make several plans",
-        )
-        tracker = plan.given(["tracker"]).get("tracker")
-        check_lines(
-            [(line, line.name, line.tracked) for line in lines], tracker is not None, source
-        )
-        sampling_section = plan.section("sampling")
-        standard = Sampling()
-        sampling = Sampling(
-            dwell=sampling_section.number("dwell_s", low=0.0, high=600.0, default=standard.dwell),
-            settle=sampling_section.number(
-                "settle_s", low=0.0, high=600.0, default=standard.settle
-            ),
-            window=sampling_section.number(
-                "window_s", low=1e-3, high=600.0, default=standard.window
-            ),
-            longest_wait=sampling_section.number(
-                "longest_wait_s", low=1e-3, high=3600.0, default=standard.longest_wait
-            ),
-            standard_deviation_limit=sampling_section.number(
-                "standard_deviation_limit_m", low=0.0, default=standard.standard_deviation_limit
-            ),
-            drift_limit=sampling_section.number(
-                "drift_limit_m", low=0.0, default=standard.drift_limit
-            ),
-            stop_attempts=sampling_section.integer(
-                "stop_attempts", low=1, high=100, default=standard.stop_attempts
-            ),
-            line_attempts=sampling_section.integer(
-                "line_attempts", low=1, high=100, default=standard.line_attempts
-            ),
-            after_attempts=sampling_section.names(
-                "after_attempts", (HOLD, LEAVE), default=standard.after_attempts
-            )[0],
-        )
-        sampling_section.finish()
-        if sampling.longest_wait < sampling.settle + sampling.window:
-            raise ValueError(
-                f"{source}: sampling.longest_wait_s is shorter than settle_s + window_s; "
-                "no stop could ever settle"
-            )
+        lines = of(lambda: _lines(plan, volume, repeats, directions), None)
+        told = plan.given(["tracker"]).get("tracker")
+        if lines is not None:
+            passes = [(line, line.name, line.tracked) for line in lines]
+            of(lambda: check_lines(passes, told is not None, source), None)
         made = cls(
-            name=plan.text("name", default="unnamed"),
+            name=of(lambda: plan.text("name", default="unnamed"), ""),
             volume=volume,
-            lines=tuple(lines),
-            feed=plan.feed_or_unknown("feed_m_per_s"),
-            sampling=sampling,
-            pause_for_setup=plan.flag("pause_for_setup", default=True),
-            one_alignment_per_diagonal=plan.flag("one_alignment_per_diagonal", default=False),
-            overrun=plan.number("overrun_m", low=0.0, high=1.0, default=0.0),
+            lines=tuple(lines or ()),
+            feed=of(lambda: plan.feed_or_unknown("feed_m_per_s"), nan),
+            sampling=of(lambda: _sampling(plan.section("sampling"), source), Sampling()),
+            pause_for_setup=of(lambda: plan.flag("pause_for_setup", default=True), True),
+            one_alignment_per_diagonal=of(
+                lambda: plan.flag("one_alignment_per_diagonal", default=False), False
+            ),
+            overrun=of(lambda: plan.number("overrun_m", low=0.0, high=1.0, default=0.0), 0.0),
             tracker=None
-            if tracker is None
-            else Tracker.from_mapping(tracker, f"{source}: tracker"),
-            measurement=plan.names("measurement", (STOPS, ON_THE_FLY), default=(STOPS,))[0],
+            if told is None
+            else of(lambda: Tracker.from_mapping(told, f"{source}: tracker"), None),
+            measurement=of(
+                lambda: plan.names("measurement", (STOPS, ON_THE_FLY), default=(STOPS,))[0], STOPS
+            ),
         )
-        plan.finish()
+        of(plan.finish, None)
+        findings.refuse()
         if made.on_the_fly:
             _check_on_the_fly(made, source)
         return made
+
+
+def _volume(plan: Section) -> Volume:
+    findings = Findings()
+    nothing = (0.0, 0.0, 0.0)
+    origin = findings.of(lambda: plan.vector("origin_m", default=nothing), nothing)
+    step = findings.of(lambda: plan.vector("step_m", low=1e-6, high=10.0), nothing)
+    blocks = findings.of(lambda: plan.integer("blocks", low=1, high=1000), 1)
+    findings.refuse()
+    return Volume(origin, step, blocks)
+
+
+def _lines(plan: Section, volume: Volume, repeats: int, directions: tuple[str, ...]) -> list[Line]:
+    findings = Findings()
+
+    def every() -> Iterator[Line]:
+        for group in plan.sections("lines"):
+            # A group yields its first line when all of it is read.
+            try:
+                yield from _lines_of_group(group, repeats, directions)
+            except ValueError as error:
+                findings.found.append(error)
+
+    lines = no_more_than(
+        MOST_STOPS,
+        _counted_on(every()),
+        lambda line: len(line.stops(volume)),
+        f"{plan.source}: the lines have more than {MOST_STOPS} stops; make several plans",
+    )
+    findings.refuse()
+    return lines
+
+
+def _sampling(section: Section, source: str) -> Sampling:
+    standard, findings = Sampling(), Findings()
+
+    def number(key: str, default: float, low: float = 0.0, high: float = 1e12) -> float:
+        return findings.of(lambda: section.number(key, low, high, default), default)
+
+    def attempts(key: str, default: int) -> int:
+        return findings.of(lambda: section.integer(key, 1, 100, default), default)
+
+    after = standard.after_attempts
+    sampling = Sampling(
+        dwell=number("dwell_s", standard.dwell, high=600.0),
+        settle=number("settle_s", standard.settle, high=600.0),
+        window=number("window_s", standard.window, low=1e-3, high=600.0),
+        longest_wait=number("longest_wait_s", standard.longest_wait, low=1e-3, high=3600.0),
+        standard_deviation_limit=number(
+            "standard_deviation_limit_m", standard.standard_deviation_limit
+        ),
+        drift_limit=number("drift_limit_m", standard.drift_limit),
+        stop_attempts=attempts("stop_attempts", standard.stop_attempts),
+        line_attempts=attempts("line_attempts", standard.line_attempts),
+        after_attempts=findings.of(
+            lambda: section.names("after_attempts", (HOLD, LEAVE), default=after)[0], after
+        ),
+    )
+    findings.of(section.finish, None)
+    findings.refuse()
+    if sampling.longest_wait < sampling.settle + sampling.window:
+        raise ValueError(
+            f"{source}: sampling.longest_wait_s is shorter than settle_s + window_s; "
+            "no stop could ever settle"
+        )
+    return sampling
 
 
 def _check_on_the_fly(plan: Plan, source: str) -> None:

@@ -3,7 +3,10 @@
 The sentence is for people and may be reworded at any time. Programs and tests ask the fields.
 """
 
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, TypeVar
+
+Made = TypeVar("Made")
 
 Fault = Literal[
     # What was given.
@@ -74,6 +77,38 @@ class ErrorFields(Exception):
 
 class Refusal(ErrorFields, ValueError):
     """What was given or asked for is refused; the text says what is wrong and what to do."""
+
+
+class Findings:
+    """Collects refusals that do not depend on each other, so that a user reads all of them at once.
+
+    Attributes:
+        found: the refusals so far, in order.
+    """
+
+    def __init__(self) -> None:
+        self.found: list[ValueError] = []
+
+    def of(self, make: Callable[[], Made], instead: Made) -> Made:
+        """Return what is made, or ``instead`` where it is refused, to go on with."""
+        try:
+            return make()
+        except ValueError as error:
+            self.found.append(error)
+            return instead
+
+    def refuse(self) -> None:
+        """Refuse if anything was found.
+
+        Raises:
+            ValueError: the only refusal as it was raised; of several, one with a sentence for each
+                and the fields of the first.
+        """
+        if len(self.found) == 1:
+            raise self.found[0]
+        if self.found:
+            words = ". ".join(str(error).rstrip(".") for error in self.found)
+            raise Refusal(words, **fields_of(self.found[0]))
 
 
 def fields_of(error: Exception) -> dict[str, Any]:

@@ -104,9 +104,14 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         """Say that all is well; others see it at once."""
         self.health.say(Level.OK, text)
 
-    def not_ready(self, text: str) -> None:
-        """Say what is still missing; no run starts until ``ready`` is called."""
-        self.health.not_ready(text)
+    def not_ready(self, text: str, by_itself: bool = False) -> None:
+        """Say what is still missing; no run starts until ``ready`` is called.
+
+        Args:
+            text: what is missing.
+            by_itself: the node is about to get it without anybody's help.
+        """
+        self.health.not_ready(text, by_itself)
 
     def ready(self) -> None:
         """Say that nothing is missing any more; harmless when nothing was."""

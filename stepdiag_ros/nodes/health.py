@@ -15,6 +15,7 @@ from rclpy.node import Node
 from stepdiag_ros.nodes.links import Outlet
 from stepdiag_ros.run.health import HealthFinding, Level
 from stepdiag_ros.run.supervision import (
+    GETTING_READY,
     HEARTBEAT,
     HEARTBEAT_PERIOD,
     MOST_PEERS,
@@ -22,6 +23,7 @@ from stepdiag_ros.run.supervision import (
     ROLE,
     RUN_ID,
     SESSION,
+    START_PATIENCE,
     Peer,
     measure_together,
     peer_of,
@@ -39,6 +41,7 @@ class _Task:
     judge: Callable[[], HealthFinding]
     log: bool
     found: HealthFinding | None = None
+    begun: bool = False
 
 
 class Health:
@@ -73,6 +76,9 @@ class Health:
         self._session = uuid.uuid4().hex
         self._level, self._text = Level.OK, "ready"
         self._waiting = ""
+        self._by_itself = False
+        # Since when the node is ready, or gets ready.
+        self._since = real_time()
         self._missed: list[str] = []
         self._tasks: list[_Task] = []
         self._told = -TASK_PERIOD
@@ -126,16 +132,25 @@ class Health:
         if text == self._text:
             self.say(Level.OK, instead)
 
-    def not_ready(self, text: str) -> None:
-        """Report what is still missing, until ``ready`` is called."""
-        changed, self._waiting = text != self._waiting, text
+    def not_ready(self, text: str, by_itself: bool = False) -> None:
+        """Report what is still missing, until ``ready`` is called.
+
+        Args:
+            text: what is missing.
+            by_itself: the node is about to get it without anybody's help: for ``START_PATIENCE``,
+                it is getting ready.
+        """
+        changed = (text, by_itself) != (self._waiting, self._by_itself)
+        if not self._waiting:
+            self._since = self._real_time()
+        self._waiting, self._by_itself = text, by_itself
         if changed:
             self.beat()
 
     def ready(self) -> None:
         """Say that nothing is missing any more; harmless when nothing was."""
         if self._waiting:
-            self._waiting = ""
+            self._waiting, self._since = "", self._real_time()
             self.look()
             self.beat()
 
@@ -151,12 +166,24 @@ class Health:
                 if task.log:
                     self._log(task, found)
             task.found = found
+            task.begun |= found.level is not Level.STALE
         if changed:
             self._publish(True)
 
     def beat(self) -> None:
         """Publish the heartbeat, and what the tasks have found if that was not said lately."""
         self._publish(self._real_time() - self._told > TASK_PERIOD - 0.5 * HEARTBEAT_PERIOD)
+
+    def _is_young(self) -> bool:
+        """Say whether the node is getting ready by itself, or has only just become ready."""
+        able = self._by_itself or not self._waiting
+        return able and self._real_time() - self._since < START_PATIENCE
+
+    def _is_starting(self, task: _Task) -> bool:
+        """Say whether the subject of a task has not begun yet, and may still be about to."""
+        found = task.found
+        quiet = found is not None and found.level is Level.STALE and not found.forbids
+        return quiet and not task.begun and self._is_young()
 
     def _log(self, task: _Task, found: HealthFinding) -> None:
         logger, text = self._node.get_logger(), f"{task.name}: {found.message}"
@@ -176,7 +203,9 @@ class Health:
         if everything:
             self._told = self._real_time()
             array.status += [
-                self._status(task.name, task.found) for task in self._tasks if task.found
+                self._status(task.name, task.found, self._is_starting(task))
+                for task in self._tasks
+                if task.found
             ]
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
@@ -195,15 +224,17 @@ class Health:
                     level, text = Level.WARN, self._missed[-1]
         values = {ROLE: self._role, RUN_ID: self._run_id(), SESSION: self._session, **self.facts}
         values.update({key: said for key, tell in self.live_facts.items() if (said := tell())})
-        return self._status(HEARTBEAT, HealthFinding(level, text, values))
+        starting = bool(self._waiting) and self._is_young()
+        return self._status(HEARTBEAT, HealthFinding(level, text, values), starting)
 
-    def _status(self, task: str, found: HealthFinding) -> DiagnosticStatus:
+    def _status(self, task: str, found: HealthFinding, starting: bool) -> DiagnosticStatus:
+        values = found.values | ({GETTING_READY: "yes"} if starting else {})
         return DiagnosticStatus(
             level=bytes((found.level,)),
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {task}",
             message=found.message,
             hardware_id=self.hardware_id,
-            values=[KeyValue(key=key, value=value) for key, value in found.values.items()],
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
 
     # Whom it hears -------------------------------------------------------------------------------

@@ -110,6 +110,7 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         self._phase = Phase.UNCONFIGURED
         self._failure = ""
         self._autostart: bool = self.parameter("autostart")
+        self._starts_itself = self._autostart
         self._retry_after: float = self.parameter("retry_after")
         self.facts[DRIVER] = self.parameter("device")
         driver = f"{self.parameter('device')} {self.thing}"
@@ -346,6 +347,7 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close a device that has failed, say so, and come back to it if that is wanted."""
         super().on_deactivate(state)
+        self._starts_itself = False
         said = self._let_go(self._failure)
         self._failure = "; ".join(filter(None, (self._failure, said)))
         self._phase = Phase.UNCONFIGURED
@@ -432,6 +434,7 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         self.get_logger().info(f"{self.thing}: {phase.value} ({self.parameter('device')})")
         if phase is Phase.ACTIVE:
             self._said = ""
+            self._starts_itself = False
             self.facts["lifecycle"] = phase.value
             self.ready()
         elif phase is Phase.INACTIVE:
@@ -449,7 +452,7 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
         """Say why no run can start with this node."""
         self._said = text
         self.facts["lifecycle"] = self._phase.value
-        self.not_ready(text)
+        self.not_ready(text, by_itself=self._starts_itself)
 
     def _refuse_impossible_transitions(self) -> None:
         """Answer a request for a transition that the present state does not have.

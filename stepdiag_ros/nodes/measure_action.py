@@ -14,11 +14,10 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.run.conclusion import UNKNOWN, Aftermath, Outcome
 from stepdiag_ros.run.sequence import Progress, State
+from stepdiag_ros.run.supervision import START_PATIENCE
 
 RESULT_KEPT = 24 * 3600
 """ROS seconds for which a result is kept for a client that asks late."""
-START_PATIENCE = 10.0
-"""Real seconds for which a goal waits for nodes that may be starting."""
 RETRY_PERIOD = 0.2
 """Real seconds between two looks whether a goal that waits can begin."""
 CANCELLED = "cancelled by the client that requested the run"

@@ -12,8 +12,8 @@ from stepdiag_ros import topics
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.nodes import interrupts
 from stepdiag_ros.nodes.base import StepdiagNode
-from stepdiag_ros.nodes.measure_action import START_PATIENCE, measure_type
-from stepdiag_ros.run.supervision import OPERATOR_ROLE
+from stepdiag_ros.nodes.measure_action import measure_type
+from stepdiag_ros.run.supervision import OPERATOR_ROLE, START_PATIENCE
 
 SERVICE_LIMIT = 20.0
 """Real seconds that a service, or the action for a new goal, may take to answer: a busy computer

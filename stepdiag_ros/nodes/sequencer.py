@@ -27,7 +27,6 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.target import line_ends
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.measure_action import (
-    START_PATIENCE,
     MeasureAction,
     NotReadyYet,
     write_progress,
@@ -37,7 +36,13 @@ from stepdiag_ros.run.feasibility import beyond_machine, out_of_limits
 from stepdiag_ros.run.health import HealthFinding
 from stepdiag_ros.run.identity import new_run_id
 from stepdiag_ros.run.sequence import Answer, Command, Progress, Sequence, State
-from stepdiag_ros.run.supervision import GETTING_READY, MOST_PEERS, Peer, said_of_run
+from stepdiag_ros.run.supervision import (
+    GETTING_READY,
+    MOST_PEERS,
+    START_PATIENCE,
+    Peer,
+    said_of_run,
+)
 from stepdiag_ros.run.taking_up import TakingUp
 from stepdiag_ros.run.work_health import judge_run
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 
 Value = bool | int | float | str
 """What a parameter may be."""
@@ -130,7 +130,7 @@ class Declaration:
 
     def _near(self, value: object) -> str:
         near = nearest(value, self.allowed)
-        return f"; did you mean {near}?" if near else ""
+        return f"; {suggestion(near)}" if near else ""
 
 
 def _number(value: object) -> float | None:
@@ -203,7 +203,7 @@ class DeclaredNode:
         """Say that the node, by the name it has now, has no parameter of that name."""
         own = [declaration.name for declaration in (*self.parameters, *COMMON)]
         near = nearest(name, own)
-        hint = f"did you mean '{near}'?" if near else f"it has {', '.join(sorted(own))}"
+        hint = suggestion(near, f"it has {', '.join(sorted(own))}")
         return f"node {node} has no parameter '{name}'; {hint}"
 
     def check(self, name: str, value: object) -> None:

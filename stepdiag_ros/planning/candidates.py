@@ -27,7 +27,7 @@ from stepdiag_ros.metrology.plan import (
     Line,
     Volume,
 )
-from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.refusal import Findings, Refusal
 from stepdiag_ros.metrology.target import VOLUMETRIC
 from stepdiag_ros.planning.expectation import POSITIONING, STRAIGHTNESS, PlanExpectation
 from stepdiag_ros.planning.information import STRAIGHTNESS_OF
@@ -290,25 +290,25 @@ def travel_box(
     Raises:
         ValueError: the box is empty, or it leaves the travel; names the axis.
     """
-    corners = []
+    corners, findings = [], Findings()
     for axis, letter in enumerate(AXES):
         ends = machine.travel_low_m[axis], machine.travel_high_m[axis]
         first = ends[0] + margin if low is None else low[axis]
         last = ends[1] - margin if high is None else high[axis]
         if first >= last:
-            raise Refusal(
+            words = (
                 f"no box is left along {letter}: from {first:g} m to {last:g} m; "
-                "take a smaller margin or another box",
-                fault="too_few",
+                "take a smaller margin or another box"
             )
-        if first < ends[0] + margin - 1e-12 or last > ends[1] - margin + 1e-12:
-            raise Refusal(
+            findings.found.append(Refusal(words, fault="too_few"))
+        elif first < ends[0] + margin - 1e-12 or last > ends[1] - margin + 1e-12:
+            words = (
                 f"the box runs {letter} from {first:g} m to {last:g} m, but with a margin of "
-                f"{margin:g} m the travel is {ends[0] + margin:g} m to {ends[1] - margin:g} m",
-                fault="out_of_range",
-                aspect="box",
+                f"{margin:g} m the travel is {ends[0] + margin:g} m to {ends[1] - margin:g} m"
             )
+            findings.found.append(Refusal(words, fault="out_of_range", aspect="box"))
         corners.append((first, last))
+    findings.refuse()
     (x0, x1), (y0, y1), (z0, z1) = corners
     return (x0, y0, z0), (x1, y1, z1)
 

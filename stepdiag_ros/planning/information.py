@@ -51,7 +51,7 @@ _MOST_MODES = 120
 """Of a machine whose chain is not known, the strongest sums of the modes of all six."""
 STRAIGHTNESS_OF = "straightness "
 """Begins the name of a curve's largest deviation from its line."""
-ROTATING = "rotations that no line shows"
+ROTATING = "rotations of the axes"
 SOURCES = ("the noise of the stops", ROTATING, "the laser's scale")
 _KNOWN = 1e-12
 """rad: of a rotation that is as good as known."""
@@ -154,7 +154,8 @@ class Information:
 
         Args:
             counts: shape (offers,).
-            beyond: information on each mode of the rotations from elsewhere, 1/rad², shape (k,).
+            beyond: information on each mode of the rotations from elsewhere, 1/rad², shape (k,);
+                a mode that has any is taken out of the result.
         """
         some = np.flatnonzero(counts)
         n = counts[some].astype(np.float64)
@@ -177,7 +178,8 @@ class Information:
             spread, estimated = expected_moments(known, self._size)
             turned = turned + np.sum((open_to @ spread) * open_to, axis=1)
             # The map of a result without rotations does not turn by what the lines show of them.
-            turned = turned + np.sum((rows.modes @ estimated) * rows.modes, axis=1)
+            shown = rows.modes if beyond is None else np.where(beyond > 0.0, 0.0, rows.modes)
+            turned = turned + np.sum((shown @ estimated) * shown, axis=1)
         return Standing(rows, np.array([noise, turned, scale]))
 
     def limit(self, counts: Vector, name: str) -> str:

@@ -33,6 +33,7 @@ from stepdiag_ros.metrology.plan import (
     Volume,
 )
 from stepdiag_ros.planning.duration import Assumptions, duration
+from stepdiag_ros.planning.expectation import Noise
 
 _LAGS = 8.0
 """Time constants of a drive in the time that it takes to settle: to a part in 3000 of its lag."""
@@ -186,16 +187,29 @@ def covariance_on_the_fly(
     return (float(np.mean(np.diagonal(found))) + place**2) * np.eye(len(found))
 
 
-def node_uncertainty(
-    plan: Plan, machine: Machine, place: float, streams: Streams, assumptions: Assumptions
-) -> Callable[[Line], Vector]:
-    """Return the expected standard uncertainties of the nodes of each line of a plan on the fly.
+def noise_of_stops(
+    plan: Plan,
+    machine: Machine,
+    noise: StopNoise,
+    streams: Streams | None,
+    assumptions: Assumptions,
+) -> Noise:
+    """Return the standard uncertainty of the stops of a plan, or of its nodes on the fly.
+
+    Args:
+        plan: what is measured.
+        machine: that moves.
+        noise: of a stop; of a node, its part that no reading improves.
+        streams: of laser and controller; needed of a plan on the fly.
+        assumptions: for the duration.
 
     Raises:
         ValueError: on use: readings or positions come too seldom for the moves of a line.
     """
+    if streams is None or not plan.on_the_fly:
+        return noise.of(plan.sampling.window)
     return lambda line: np.sqrt(
-        np.diagonal(covariance_on_the_fly(plan, line, machine, place, streams, assumptions))
+        np.diagonal(covariance_on_the_fly(plan, line, machine, noise.place, streams, assumptions))
     )
 
 

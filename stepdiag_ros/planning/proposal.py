@@ -7,11 +7,13 @@ free, the sets of lines of the purpose are tried.
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS
 from stepdiag_ros.metrology.plan import FORWARD, Plan, Volume
-from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.refusal import Findings, Refusal
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.planning.assumed_rotations import AssumedRotations, assumed_rotations
 from stepdiag_ros.planning.candidates import (
     BLOCKS,
     PURPOSES,
@@ -67,12 +69,46 @@ class PlanProposal:
     considered: int
     discarded: tuple[str, ...]
 
+    @cached_property
+    def assumed(self) -> AssumedRotations | None:
+        """Return the size of rotations without which the wish is not reached; None if it is."""
+        return assumed_rotations(self.request, self.chosen)
+
     @property
     def figure(self) -> str:
         """Return the quantity whose uncertainty counts, in words."""
         purpose, wished = PURPOSES[self.request.purpose], tuple(self.request.until)
         alone = len(wished) == 1 and wished[0] in purpose.needed[:-1]
         return wished[0] if alone else purpose.target
+
+
+def check_request(request: Request) -> PlanPurpose:
+    """Return the purpose of a request that does not contradict itself.
+
+    Raises:
+        ValueError: it does, or the purpose is not possible; a sentence for each contradiction.
+    """
+    findings = Findings()
+    purpose = findings.of(lambda: purpose_of(request), None)
+    if request.purpose in PURPOSES:
+        findings.of(lambda: _check_overrun(request), None)
+    findings.of(
+        lambda: travel_box(request.machine, request.margin, request.low, request.high), None
+    )
+    findings.refuse()
+    assert purpose is not None
+    return purpose
+
+
+def _check_overrun(request: Request) -> None:
+    overrun = request.overrun_or_usual
+    if overrun > request.margin:
+        raise Refusal(
+            f"an overrun of {overrun:g} m does not fit into the margin of "
+            f"{request.margin:g} m at the ends of the travel",
+            fault="out_of_range",
+            aspect="overrun",
+        )
 
 
 def propose(request: Request) -> PlanProposal:
@@ -86,15 +122,7 @@ def propose(request: Request) -> PlanProposal:
         ValueError: the request contradicts itself or the machine, or no candidate fulfils it; says
             what the nearest one gives, and what limits it.
     """
-    purpose = purpose_of(request)
-    overrun = request.overrun_or_usual
-    if overrun > request.margin:
-        raise Refusal(
-            f"an overrun of {overrun:g} m does not fit into the margin of "
-            f"{request.margin:g} m at the ends of the travel",
-            fault="out_of_range",
-            aspect="overrun",
-        )
+    purpose = check_request(request)
     return _by_exchange(request, purpose) if purpose.kinds else _prescribed(request, purpose)
 
 

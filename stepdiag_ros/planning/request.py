@@ -13,7 +13,8 @@ from stepdiag_ros.metrology.target import Target
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.candidates import PURPOSES, PlanPurpose
 from stepdiag_ros.planning.duration import Assumptions, PlanDuration
-from stepdiag_ros.planning.offers import StopNoise
+from stepdiag_ros.planning.expectation import Noise
+from stepdiag_ros.planning.offers import StopNoise, noise_of_stops
 
 _OVERRUN = 0.002
 """Of the purposes of a standard, m."""
@@ -92,6 +93,10 @@ class Request:
     def noise(self) -> StopNoise:
         """Return how uncertain a stop is."""
         return StopNoise(self.stop_uncertainty, self.reading_noise)
+
+    def noise_of(self, plan: Plan) -> Noise:
+        """Return how uncertain the stops of a plan are, or its nodes on the fly."""
+        return noise_of_stops(plan, self.machine, self.noise, self.streams, self.assumptions)
 
     @property
     def overrun_or_usual(self) -> float:

@@ -21,7 +21,7 @@ from stepdiag_ros.devices import NO_DRIVER, Kind, Surroundings, prepare
 from stepdiag_ros.devices.cnc.joint_controller import ControllerNames, JointController
 from stepdiag_ros.embedded.arguments import load_parameter_file, matches
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 from stepdiag_ros.parameters.declaration import DeclaredNode
 from stepdiag_ros.parameters.nodes import NODES
 from stepdiag_ros.run.accord import SIMULATED
@@ -101,6 +101,12 @@ def given_to(path: str, names: Iterable[str]) -> dict[str, dict[str, Any]]:
         ValueError: the file cannot be read, or is meant for a node that is not there.
     """
     given: dict[str, dict[str, Any]] = {name: {} for name in names}
+    if not Path(path).exists():
+        raise Refusal(
+            f"there is no parameter file {path}. 'stepdiag parameters --yaml > cell.yaml' writes"
+            " one with all defaults",
+            fault="not_found",
+        )
     for pattern, values in load_parameter_file(path):
         meant = [name for name in given if matches(pattern, f"/{name}")]
         if not meant:
@@ -193,6 +199,5 @@ def _check_same(about: str, used: list[tuple[str, str]], load: Callable[[str], A
 def _no_node(pattern: str, names: Iterable[str]) -> str:
     plain = pattern.rpartition("/")[2]
     near = nearest(plain, [name.rpartition("/")[2] for name in names])
-    hint = f"did you mean {near}?" if near and near != plain else ""
     there = f"the nodes are {', '.join(f'/{name}' for name in sorted(names))}"
-    return f"'{pattern}' is not a node; {hint or there}"
+    return f"'{pattern}' is not a node; {suggestion(near if near != plain else '', there)}"

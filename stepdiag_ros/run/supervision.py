@@ -25,7 +25,10 @@ WORK_LEFT = "work_left"
 REFUSES = "refuses"
 """Fact by which a node says why it does not take up a run: identity of the run, then the reason."""
 GETTING_READY = "getting_ready"
-"""Fact by which a node says that it will be ready in a moment, by itself."""
+"""Fact by which a node says that it will be ready in a moment, by itself; on the status of a task,
+that its subject has not begun yet and may still be about to."""
+START_PATIENCE = 10.0
+"""Real seconds for which what is not ready counts as starting, and for which a run waits for it."""
 WORKER_LIMIT = 10.0
 """Real seconds without a heartbeat after which results that a node owes are not waited for any
 more: after a run nothing moves, and a computer that is busy with the last results is not a loss."""

@@ -20,7 +20,7 @@ from importlib import resources as package_files
 from typing import Any
 
 from stepdiag_ros import __version__
-from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 
 VERSIONS = {
     "result": 1,
@@ -88,7 +88,7 @@ def schema(name: str) -> dict[str, Any]:
     """
     if name not in VERSIONS:
         near = nearest(name, VERSIONS)
-        hint = f"did you mean {near}?" if near else f"there are {', '.join(VERSIONS)}"
+        hint = suggestion(near, f"there are {', '.join(VERSIONS)}")
         raise ValueError(f"there is no schema '{name}'; {hint}")
     file = package_files.files(__name__).joinpath(f"{name}.schema.json")
     loaded = json.loads(file.read_text("utf-8")) if file.is_file() else _generated(name)

@@ -148,6 +148,26 @@ class Candidate:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AssumedRotations:
+    """A size of pitch, yaw and roll that nobody has measured, and without which the wish fails."""
+
+    size: Annotated[float, means("Assumed over the measured travel, rad.")]
+    usual: Annotated[float, means("Where a machine file says nothing, rad.")]
+    quantities: Annotated[Sequence[str], means("Whose wish rests on it.")]
+    with_usual: Annotated[
+        Number,
+        means("Expanded uncertainty (95 %) with the usual size; null where it is not larger."),
+    ]
+    without: Annotated[
+        Number,
+        means(
+            "Expanded uncertainty (95 %) with all rotations free, by the noise of the stops alone;"
+            " null where the lines do not determine it."
+        ),
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Proposal:
     """How the plan was chosen."""
 
@@ -157,6 +177,13 @@ class Proposal:
     alternatives: Sequence[Candidate]
     considered: Count
     not_taken: Words
+    assumed_rotations: (
+        Annotated[
+            AssumedRotations | None,
+            means("null: nothing was wished, or the wish is reached without it."),
+        ]
+        | UnsetType
+    ) = UNSET
 
 
 @dataclass(frozen=True, kw_only=True)

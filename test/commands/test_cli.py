@@ -428,7 +428,7 @@ def test_wrong_usage_ends_with_2(arguments, capsys):
         (("schema", "--nothing"), "error: there is no option --nothing; 'stepdiag schema --help'"),
         (
             ("compensate", "a.mcap", "--fro", "x"),
-            "error: there is no option --fro; did you mean --f",
+            "error: there is no option --fro; did you mean '--f",
         ),
         (("info", "a.mcap", "b.mcap"), "stepdiag info: error: one argument too many: b.mcap"),
         (("tracker", "figures", "x", "--sed=1"), "figures: error: there is no option --sed;"),
@@ -463,7 +463,7 @@ def test_without_a_command_all_are_listed_by_what_they_are_for(capsys):
 def test_a_word_that_is_nearly_right_is_answered_with_the_right_one(arguments, meant, capsys):
     code, out, err = stepdiag(capsys, *arguments)
     assert (code != 0, out) == (True, "")
-    assert f"did you mean {meant}?" in err
+    assert f"did you mean '{meant}'?" in err
 
 
 def test_without_a_bag_the_newest_here_is_taken(bag, tmp_path, monkeypatch, capsys):

@@ -260,6 +260,12 @@ def test_a_run_with_an_odd_plan_ends_no_node(name, data):
     is_refused_and_the_next_taken_up(name, data)
 
 
+@pytest.fixture(autouse=True)
+def nothing_left_behind(monkeypatch, tmp_path):
+    """Let a recorder that takes up a run write its bag into a folder of the test."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.mark.parametrize("name", NODES)
 @trials(4)
 @given(data=st.data())

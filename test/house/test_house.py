@@ -19,7 +19,6 @@ LOOKED_AT = {
     "devices.cnc.opcua_settings.from_mapping",
     "embedded.modules.rclpy.action.server.__init__",
     "metrology.discrepancy.baseline.fit_baseline",
-    "metrology.plan.from_mapping",
     "metrology.standards.diagonal_squareness.from_body",
     "metrology.tracker.adjustment._adjust",
     "metrology.tracker.curves.error_curves",

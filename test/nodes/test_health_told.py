@@ -6,7 +6,13 @@ import pytest
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros.run.health import HealthFinding, Level
-from stepdiag_ros.run.supervision import HEARTBEAT_PERIOD, measure_together, peer_of
+from stepdiag_ros.run.supervision import (
+    GETTING_READY,
+    HEARTBEAT_PERIOD,
+    START_PATIENCE,
+    measure_together,
+    peer_of,
+)
 
 
 class Log(list):
@@ -121,6 +127,55 @@ def test_the_log_has_each_trouble_once_and_its_end(speaker):
         ("info", "subject: well"),
         ("warning", "subject: silent"),
     ]
+
+
+class TestStarting:
+    """What is not ready counts as starting: for a while, before it was ready, and by itself."""
+
+    NOT_BEGUN = HealthFinding(Level.STALE, "not begun")
+
+    def starting(self, speaker):
+        """Return the tasks that are said to be starting."""
+        speaker.health.look()
+        speaker.time += 1.0
+        speaker.health.beat()
+        return {
+            status.name.rpartition(": ")[2]
+            for status in speaker.arrays[-1].status
+            if any(entry.key == GETTING_READY for entry in status.values)
+        }
+
+    def test_a_node_that_gets_ready_by_itself_and_what_waits_for_it(self, speaker):
+        speaker.finding = self.NOT_BEGUN
+        speaker.health.not_ready("waiting for the clock", by_itself=True)
+        assert self.starting(speaker) == {"heartbeat", "subject"}
+        speaker.health.ready()
+        assert self.starting(speaker) == {"subject"}
+        speaker.finding = HealthFinding(Level.OK, "well")
+        assert self.starting(speaker) == set()
+        speaker.finding = self.NOT_BEGUN
+        assert self.starting(speaker) == set(), "it was well before"
+
+    def test_a_start_that_lasts(self, speaker):
+        speaker.finding = self.NOT_BEGUN
+        speaker.health.not_ready("waiting for the clock", by_itself=True)
+        speaker.time += START_PATIENCE
+        assert self.starting(speaker) == set()
+        # The subject could not begin before the node was ready.
+        speaker.health.ready()
+        assert self.starting(speaker) == {"subject"}
+        speaker.time += START_PATIENCE
+        assert self.starting(speaker) == set()
+
+    def test_what_waits_for_somebody_or_stops_a_run(self, speaker):
+        speaker.finding = self.NOT_BEGUN
+        speaker.health.not_ready("unconfigured: configure the node")
+        assert self.starting(speaker) == set()
+        speaker.health.ready()
+        speaker.finding = HealthFinding(Level.STALE, "silent", forbids=True)
+        assert self.starting(speaker) == set()
+        speaker.finding = HealthFinding(Level.ERROR, "broken")
+        assert self.starting(speaker) == set()
 
 
 def test_others_know_the_node_by_its_heartbeat(speaker):

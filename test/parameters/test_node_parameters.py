@@ -104,7 +104,7 @@ QUOTED = "expected a text; if a text is meant, put it in quotes"
         (TEXT, True, f"True; {QUOTED}: \"'true'\""),
         (SWITCH, 1, "1; expected true or false"),
         (SWITCH, "yes", "'yes'; expected true or false"),
-        (CHOICE, "lon", "'lon'; expected x, y or long; did you mean long?"),
+        (CHOICE, "lon", "'lon'; expected x, y or long; did you mean 'long'?"),
         (CHOICE, "", "''; expected x, y or long"),
     ],
 )

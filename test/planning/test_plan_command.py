@@ -9,6 +9,7 @@ from stepdiag_ros import cli
 from stepdiag_ros.commands import plan as command
 from stepdiag_ros.configuration import load_machine, load_plan
 from stepdiag_ros.metrology.geometry import CHAINS
+from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS
 from stepdiag_ros.planning.assessment import assess
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.nc_writing import DWELL_FORMS
@@ -40,7 +41,8 @@ def test_a_proposal_is_written_and_shown(folder, capsys):
     ):
         assert words in shown.out
     assert (
-        "wrote quick_plan.yaml, quick_plan.nc, quick_plan.png, quick_plan_frontier.png" in shown.err
+        "wrote quick_plan.yaml, quick_plan.nc, quick_plan_sheet.txt, quick_plan.png,"
+        in " ".join(shown.err.split())
     )
     plan = load_plan(folder / "quick_plan.yaml")[0]
     assert beyond_machine(plan, load_machine("demo")[0]) == ""
@@ -101,6 +103,61 @@ def test_the_dialect_is_as_asked(folder, capsys):
     text = (folder / "p.nc").read_text("ascii")
     assert text.startswith("O0007 (DEMO") and "\nN10 (" in text and " X10.00000\n" in text
     assert len(Controller("F_s").run(text).stays) == load_plan("demo")[0].stop_count
+
+
+@pytest.mark.parametrize(("rotations", "below_usual"), [("precision", True), ("", False)])
+def test_a_wish_that_rests_on_assumed_rotations_is_said_to(folder, capsys, rotations, below_usual):
+    lines = [one for one in load_machine("demo")[1].splitlines() if not one.startswith("rotations")]
+    given = [f"rotations: {rotations}"] if rotations else []
+    (folder / "m.yaml").write_text("\n".join(lines + given))
+    wish = ["--for", "volumetric", "--machine", "m.yaml", "--until", "20um", "--no-picture"]
+    assert cli.main(["plan", *wish, "--json"]) == 0
+    proposal = json.loads(capsys.readouterr().out)["proposal"]
+    assumed = proposal["assumed_rotations"]
+    assert assumed["size"] == (CLASSES[rotations] if rotations else CLASSES[DEFAULT_CLASS])
+    assert assumed["without"] is None, "step diagonals alone do not determine rotations"
+    if below_usual:
+        assert assumed["with_usual"] > proposal["chosen"]["expanded_uncertainty"]
+    else:
+        assert assumed["with_usual"] is None
+    assert cli.main(["plan", *wish, "--force"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "assumption" in said and f"{assumed['size'] * 1e6:g} µrad" in said
+    if below_usual:
+        assert f"{assumed['with_usual'] * 1e6:.2g} µm" in said
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_wish_that_rests_on_nothing_is_not_said_to(capsys):
+    wish = ["--for", "volumetric", "--machine", "demo", "--no-picture", "--json"]
+    assert cli.main(["plan", *wish]) == 0
+    assert json.loads(capsys.readouterr().out)["proposal"]["assumed_rotations"] is None
+
+
+def test_all_wishes_that_cannot_be_met_are_said_at_once(folder, capsys):
+    wrong = ["--until", "E_QQ=1um", "--overrun", "0.1", "--to", "9", "9", "0.06"]
+    arguments = ["--for", "volumetric", "--machine", "demo", "--chain", "XYZ", *wrong]
+    assert cli.main(["plan", *arguments]) == 1
+    error = " ".join(capsys.readouterr().err.split())
+    for name in ("--chain", "E_QQ", "overrun of 0.1 m", "box runs X", "box runs Y"):
+        assert name in error
+    assert "box runs Z" not in error
+    assert not list(folder.iterdir())
+
+
+def test_all_that_is_wrong_in_a_plan_and_beside_it_is_said_at_once(folder, capsys):
+    (folder / "p.yaml").write_text(
+        "step_m: [0.01, 0.01, 0]\nblocks: 0\nrepeat: 2\nfeed_m_per_s: 20\n"
+        "lines:\n  - {kind: linear, names: [w]}\n  - {kind: linear, names: [x], way: 1}\n"
+        "sampling: {dwell_s: -1, window_s: x}\n"
+    )
+    arguments = ["--check", "p.yaml", "--machine", "nothing", "--time", "2h", "--dwell", "2"]
+    assert cli.main(["plan", *arguments]) == 1
+    error = " ".join(capsys.readouterr().err.split())
+    keys = ("step_m", "blocks", "repeat", "feed_m_per_s", "names", "way", "dwell_s", "window_s")
+    for name in (*keys, "--time", "--dwell", "machine 'nothing'"):
+        assert name in error
+    assert error.count("stepdiag: error:") == 1
 
 
 @pytest.mark.parametrize(

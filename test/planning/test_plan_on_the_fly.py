@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.planning.duration import Assumptions
 from stepdiag_ros.planning.expectation import expect_with_rotations
 from stepdiag_ros.planning.information import Information
-from stepdiag_ros.planning.offers import node_uncertainty, offers_on_the_fly
+from stepdiag_ros.planning.offers import StopNoise, noise_of_stops, offers_on_the_fly
 from stepdiag_ros.planning.proposal import propose
 from stepdiag_ros.planning.request import Request
 
@@ -49,7 +49,7 @@ def test_the_search_expects_of_nodes_what_the_plan_is_promised():
     found = information.standing(np.ones(len(offers))).largest()
     passes = tuple(one for offer in offers for one in offer.passes(1))
     plan = replace(conditions, lines=passes)
-    nodes = node_uncertainty(plan, MACHINE, 1e-8, STREAMS, NO_ALIGNMENT)
+    nodes = noise_of_stops(plan, MACHINE, StopNoise(1e-8), STREAMS, NO_ALIGNMENT)
     told = expect_with_rotations(plan, nodes, "YXZ", MACHINE.rotations)
     assert found["E_XX"] == pytest.approx(told.positioning["E_XX"], rel=1e-5)
     assert found["E_ZZ"] == pytest.approx(told.positioning["E_ZZ"], rel=1e-5)

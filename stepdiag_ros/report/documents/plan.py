@@ -11,6 +11,7 @@ from stepdiag_ros.planning.request import PlanCandidate
 from stepdiag_ros.report.documents.run import visibility_part
 from stepdiag_ros.schemas.parts import part_of
 from stepdiag_ros.schemas.plan import (
+    AssumedRotations,
     Assumptions,
     AxisWithoutLine,
     Candidate,
@@ -70,6 +71,9 @@ def _proposal(proposal: PlanProposal) -> Proposal:
         alternatives=[_candidate(one) for one in proposal.front],
         considered=proposal.considered,
         not_taken=proposal.discarded,
+        assumed_rotations=None
+        if proposal.assumed is None
+        else part_of(AssumedRotations, proposal.assumed),
     )
 
 

@@ -236,6 +236,7 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
             f" {expected}"
             f"{about}. This plan is {proposal.reason}."
         )
+        sentences += _assumption_sentences(proposal)
         if chosen.limited:
             sentences.append(f"What limits it most: {chosen.limited}.")
         if isfinite(chosen.drift):
@@ -245,6 +246,27 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
             )
         sentences += [f"Not taken: {words}." for words in proposal.discarded]
     return sentences
+
+
+def _assumption_sentences(proposal: PlanProposal) -> list[str]:
+    """Say that the wish rests on an assumption about rotations, and what U is without it."""
+    assumed, unit = proposal.assumed, PURPOSES[proposal.request.purpose].unit
+    if assumed is None:
+        return []
+    without = "the lines do not determine it, and U is unknown"
+    if isfinite(assumed.without):
+        without = f"U is {size_words(assumed.without, unit)} by the noise of the stops alone"
+    usual = ""
+    if isfinite(assumed.with_usual):
+        usual = (
+            f" With the default of {assumed.usual * IN_MICRO:g} µrad, U is"
+            f" {size_words(assumed.with_usual, unit)}."
+        )
+    return [
+        "This is an assumption, not a measurement: the wish is reached only if pitch, yaw and roll"
+        f" are about {assumed.size * IN_MICRO:g} µrad or less.{usual} Without any assumption"
+        f" about them, {without}."
+    ]
 
 
 def print_assessment(

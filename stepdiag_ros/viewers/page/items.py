@@ -19,6 +19,7 @@ from stepdiag_ros.metrology.air.recompensation import SensorValue
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.run.sequence import State
+from stepdiag_ros.run.supervision import GETTING_READY
 from stepdiag_ros.topics import Topic
 
 
@@ -90,11 +91,19 @@ class AxisPlace(NamedTuple):
 
 
 class Said(NamedTuple):
-    """What a part of a node says of itself on /diagnostics: ``name`` is ``node: task``."""
+    """What a part of a node says of itself on /diagnostics.
+
+    Attributes:
+        name: ``node: task``.
+        level: of diagnostic_msgs/DiagnosticStatus.
+        message: in words.
+        starting: it has not begun yet, and says that it is about to.
+    """
 
     name: str
     level: int
     message: str
+    starting: bool = False
 
 
 @dataclass(frozen=True)
@@ -152,7 +161,8 @@ def _said(message: Any) -> Iterable[Said]:
     for status in message.status:
         raw = status.level
         level = raw[0] if isinstance(raw, bytes) else int(raw)
-        yield Said(str(status.name), level, str(status.message))
+        starting = any(entry.key == GETTING_READY for entry in status.values)
+        yield Said(str(status.name), level, str(status.message), starting)
 
 
 def _sensor(name: str, field: str) -> Callable[[Any], Iterable[SensorValue]]:

@@ -344,7 +344,7 @@ def _finding(effect: FoundEffect) -> dict[str, Any]:
 
 
 class FaultSection(PageSection):
-    """All faults, in the words of the node that reports them."""
+    """All faults, and what is only starting, in the words of the node that reports them."""
 
     name: ClassVar[str] = "faults"
     of_run = False
@@ -404,7 +404,7 @@ class FaultSection(PageSection):
         return machine.reason or "the machine is stopped"
 
     def document(self) -> dict[str, Any]:
-        """Return faults first, then warnings."""
+        """Return faults first, then warnings; and apart from both, what is starting."""
         found = []
         if self._run:
             found.append({"level": "fault", "who": "run", "text": self._run})
@@ -421,13 +421,29 @@ class FaultSection(PageSection):
         return {
             "faults": found[:_MOST_FAULTS],
             "more": max(0, len(found) - _MOST_FAULTS),
+            "starting": self._starting()[:_MOST_FAULTS],
             "note": self._note(),
         }
+
+    def _starting(self) -> list[dict[str, str]]:
+        """Return the nodes that are starting: each once, with what it waits for."""
+        waits: dict[str, dict[str, str]] = {}
+        for said in self._said.values():
+            if said.starting:
+                node, _, task = said.name.rpartition(": ")
+                waits.setdefault(node, {})[task] = said.message
+        # The tasks of a node that is not ready wait for the node.
+        return [
+            {"who": node, "text": tasks.get(HEARTBEAT) or "; ".join(dict.fromkeys(tasks.values()))}
+            for node, tasks in waits.items()
+        ]
 
     def _said_by_nodes(self) -> list[dict[str, str]]:
         """Return what nodes say, faults first; each thing once, with all tasks that say it."""
         who: dict[tuple[bool, str, str], list[str]] = {}
         for said in self._said.values():
+            if said.starting:
+                continue
             node, _, task = said.name.rpartition(": ")
             tasks = who.setdefault((said.level != Level.ERROR, node, said.message), [])
             tasks += [task] if task != HEARTBEAT else []

@@ -40,6 +40,7 @@ class Journal:
         # That nothing is heard before anything is, is not news.
         self._note: str = state.document("faults")["note"]
         self._faults: dict[tuple[str, str, str], str] = {}
+        self._starting: set[str] = set()
 
     def look(self) -> None:
         """Write what is new."""
@@ -116,6 +117,16 @@ class Journal:
         found = "".join(f"; found: {one['label']}" for one in verdict["findings"])
         self.write(f"verdict: {verdict['verdict']}, {lines}: {verdict['sentence']}{found}")
 
+    def _tell_starts(self, faults: dict[str, Any]) -> None:
+        """Write which nodes are starting, and which of them have no fault afterwards."""
+        waits = {one["who"]: one["text"] for one in faults["starting"]}
+        for node in waits.keys() - self._starting:
+            self.write(f"starting: {node}: {waits[node]}")
+        at_fault = {one["who"].partition(": ")[0] for one in faults["faults"]}
+        for node in sorted(self._starting - waits.keys() - at_fault):
+            self.write(f"ready: {node}")
+        self._starting = set(waits)
+
     def _tell_faults(self, faults: dict[str, Any]) -> None:
         """Write what has come and gone; a figure that changes is not news.
 
@@ -134,6 +145,7 @@ class Journal:
             if key not in now and key[:2] not in replaced:
                 self.write(f"gone: {text}")
         self._faults = now
+        self._tell_starts(faults)
         if faults["note"] != self._note:
             self._note = faults["note"]
             if self._note:

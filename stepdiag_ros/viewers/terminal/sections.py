@@ -79,17 +79,18 @@ def run_lines(run: Document, progress: Document, signs: Glyphs) -> Lines:
 
 
 def fault_lines(faults: Document) -> Lines:
-    """Return what is wrong, a line for each."""
+    """Return what is wrong, a line for each, then what is only starting."""
     found = faults["faults"]
     note = faults["note"]
+    starting = [Text(f"  starting: {one['who']}: {one['text']}") for one in faults["starting"]]
     if not found:
-        return [titled("Faults: ", note or "none")]
+        return [titled("Faults: ", note or "none"), *starting]
     lines: Lines = []
     for one in found:
         line = titled("  " if lines else f"Faults ({len(found) + faults['more']}): ")
         line.append(f"{one['level']}: ", _BAD if one["level"] == "fault" else _DOUBTFUL)
         lines.append(line.append(f"{one['who']}: {one['text']}"))
-    return lines + [Text(f"  {note}")] * bool(note)
+    return lines + starting + [Text(f"  {note}")] * bool(note)
 
 
 def beam_lines(beam: Document, signs: Glyphs) -> Lines:

@@ -63,9 +63,9 @@ def peer():
 
 @pytest.fixture
 def client(peer):
+    # It only has to be there.
+    del peer
     import rclpy
-
-    assert peer.sampling
 
     client = Client(rclpy.create_node("one"))
     assert client.until(lambda: client.controller.reachable)

@@ -68,7 +68,12 @@ def test_nobody_heard_is_not_said_to_be_well():
 def test_a_bag_has_no_contact_and_lacks_none():
     state = PageState()
     state.take(Said("recorder: disk", 0, "fine"))
-    assert state.document("faults") == {"faults": [], "more": 0, "note": ""}
+    assert state.document("faults") == {
+        "faults": [],
+        "more": 0,
+        "starting": [],
+        "note": "",
+    }
     assert state.document("run")["refused_start"] == ""
 
 

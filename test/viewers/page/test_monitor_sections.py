@@ -366,6 +366,20 @@ def test_faults_come_and_go(state, small_run):
     assert texts == ["the door is open", "cnc_bridge node /cnc_bridge is silent"]
 
 
+def test_a_start_is_no_fault_unless_it_lasts(state):
+    state.take(Said("laser: beam", 3, "no reading yet", starting=True))
+    state.take(Said("laser: heartbeat", 2, "waiting for the clock", starting=True))
+    told = state.document("faults")
+    assert told["faults"] == []
+    assert told["starting"] == [{"who": "laser", "text": "waiting for the clock"}]
+    state.take(Said("laser: heartbeat", 0, "ready"))
+    assert state.document("faults")["starting"] == [{"who": "laser", "text": "no reading yet"}]
+    state.take(Said("laser: beam", 3, "no reading yet"))
+    told = state.document("faults")
+    assert told["starting"] == []
+    assert [(one["level"], one["who"]) for one in told["faults"]] == [("warning", "laser: beam")]
+
+
 def test_a_device_that_is_waited_for_is_listed_once_with_what_it_keeps_from_work(state):
     why = "cannot open socket://127.0.0.1:9"
     state.take(MachineStatus(1, True, why, faulty=True))

@@ -107,6 +107,22 @@ def test_faults_come_and_go_and_their_figures_move(told):
     assert taken(lines) == ["gone: fault: recorder: disk: 0.4 GB are free"]
 
 
+def test_a_start_is_told_once_and_is_no_fault(told):
+    state, lines = told
+    state.take(Said("laser: heartbeat", 2, "waiting for the clock", starting=True))
+    assert taken(lines) == ["starting: laser: waiting for the clock"]
+    state.take(Said("laser: beam", 3, "not in use", starting=True))
+    state.take(Said("laser: heartbeat", 2, "inactive", starting=True))
+    state.take(Said("laser: heartbeat", 0, "ready"))
+    assert taken(lines) == []
+    state.take(Said("laser: beam", 0, "there"))
+    assert taken(lines) == ["ready: laser"]
+    state.take(Said("laser: heartbeat", 2, "waiting for the clock", starting=True))
+    taken(lines)
+    state.take(Said("laser: heartbeat", 2, "waiting for the clock"))
+    assert taken(lines) == ["fault: laser: waiting for the clock"], "it has stayed so"
+
+
 def test_a_log_is_one_line_a_change_and_in_ascii_where_it_must_be():
     lines, state = [], PageState()
     state.listener = Journal(state, ASCII, lambda: NOW, lines.append).look

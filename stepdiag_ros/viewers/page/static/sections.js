@@ -67,12 +67,14 @@ function run(told) {
   document.title = told.share == null ? "stepdiag" : `${Math.floor(told.share * 100)} % ${told.words} – stepdiag`;
 }
 
-const SIGNS = { fault: "✖ ", warning: "▲ " };
+const SIGNS = { fault: "✖ ", warning: "▲ ", starting: "… " };
 let saidFaults = "";
 
 function faults(told) {
   const rows = told.faults.map((one) => [`${SIGNS[one.level]}${one.who}: ${one.text}`, one.level]);
   if (told.more) rows.push([`and ${told.more} more`, "warning"]);
+  const starting = told.starting.map((one) => [`${SIGNS.starting}${one.who} is starting: ${one.text}`, "note"]);
+  rows.push(...starting);
   if (told.note) rows.push([`– ${told.note}`, "note"]);
   else if (!rows.length) rows.push(["✔ no faults reported", ""]);
   // A list that is written again is read out again.
