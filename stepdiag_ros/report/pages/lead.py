@@ -24,8 +24,8 @@ from stepdiag_ros.report.pages.sections.measurement import temperature_words
 from stepdiag_ros.report.tables.diagnosis import rivals_words
 from stepdiag_ros.report.tables.positioning import MEANINGS
 from stepdiag_ros.text.numbers import (
+    OF_READINGS,
     UNKNOWN,
-    WITHOUT_BUDGET,
     plain,
     with_expanded,
     with_uncertainty,
@@ -242,8 +242,8 @@ def _basis(material: Material) -> str:
     return (
         "Each ± on this page and the next is the larger of two. The first"
         f"{narrow} contains the scatter of the readings, {scale}, and pitch, yaw and roll as far as"
-        " the readings of this run leave them open; stepdiag solve, stepdiag volumetric and tables"
-        f" headed '{WITHOUT_BUDGET}' show it. The second{wide} is U of the uncertainty budget."
+        f" the readings of this run leave them open; tables headed '{OF_READINGS}' show it. The"
+        f" second{wide} is U of the uncertainty budget."
         f" {_of_rotations(material)} {_of_laser(material)} {_plausible_size(material)}"
     )
 
