@@ -68,6 +68,7 @@ class ToleranceJudgement:
         tolerance: m; NaN if none was given.
         more_acts: the run itself shows more than the error curves contain.
         noise: the errors found are no more than noise makes.
+        tested: a reading of the run could contradict the error curves, and was compared with them.
     """
 
     verdict: str
@@ -77,6 +78,15 @@ class ToleranceJudgement:
     tolerance: float
     more_acts: bool
     noise: bool
+    tested: bool = True
+
+    @property
+    def guard_band(self) -> float:
+        """Return how far a value is from its limit where it is proven on either side, m.
+
+        By the default rule of ISO 14253-1 that is U; NaN without a limit.
+        """
+        return math.nan if self.verdict == NOT_ASKED else self.expanded_uncertainty
 
     @property
     def size(self) -> str:
@@ -88,8 +98,25 @@ class ToleranceJudgement:
     @property
     def reservation(self) -> str:
         """Say on what a decision rests beyond the figures; empty without a decision or a doubt."""
-        decided = self.verdict in (KEEPS, EXCEEDS)
-        return ", as far as the uncertainty is known" if decided and self.lower_bound else ""
+        if not self.decided:
+            return ""
+        known = ", as far as the uncertainty is known" if self.lower_bound else ""
+        return known if self.tested else f"{known}; the run could not test the error curves"
+
+    @property
+    def decided(self) -> bool:
+        """Say whether the value is proven to be on either side of its limit."""
+        return self.verdict in (KEEPS, EXCEEDS)
+
+    @property
+    def basis(self) -> str:
+        """Say on what the value and a decision rest where the run did not test that."""
+        if self.tested or not math.isfinite(self.value):
+            return ""
+        return (
+            "The largest error and U rest on the assumption that the machine has no errors beside"
+            " its error curves: no reading of this run tested that."
+        )
 
     @property
     def limit(self) -> str:
@@ -112,7 +139,8 @@ def judge(material: Material) -> ToleranceJudgement:
     proven = conformity(value, expanded, tolerance, more_acts=more_acts, noise=noise)
     verdict = _VERDICTS[proven]
     return ToleranceJudgement(
-        verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise
+        *(verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise),
+        tested=material.lead.verdict.tested,
     )
 
 
@@ -193,7 +221,7 @@ def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]
         return "bad", "Something acts in this machine that the error curves do not contain"
     words = {
         KEEPS: (
-            "open" if judged.lower_bound else "good",
+            "open" if judged.reservation else "good",
             f"The machine keeps its limit of {limit} in the measured volume",
         ),
         EXCEEDS: ("bad", f"The machine exceeds its limit of {limit} in the measured volume"),
@@ -225,7 +253,8 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
         OPEN: f"The largest error or its uncertainty does not allow a decision at {limit}"
         " (ISO 14253-1).",
     }
-    return [reason[judged.verdict]]
+    rests = f" {judged.basis}" if judged.decided and judged.basis else ""
+    return [reason[judged.verdict] + rests]
 
 
 def _basis(material: Material) -> str:

@@ -5,7 +5,9 @@ import json
 import pickle
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import replace
 from io import BytesIO
+from math import isnan
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -219,6 +221,24 @@ def test_what_is_signed_has_the_reservation_of_the_first_page(verdict, lower_bou
     assert judged.reservation in signed and ("instrument" in signed) == reserved
 
 
+@pytest.mark.parametrize("verdict", [KEEPS, EXCEEDS, OPEN, NOT_ASKED])
+def test_a_decision_that_no_reading_tested_says_on_what_it_rests(verdict):
+    tolerance = float("nan") if verdict == NOT_ASKED else 50e-6
+    tested = ToleranceJudgement(verdict, 10e-6, 1e-6, False, tolerance, False, False)
+    untested = replace(tested, tested=False)
+    nothing_stated = SimpleNamespace(given=SimpleNamespace(instrument_source=""))
+    decided = verdict in (KEEPS, EXCEEDS)
+    assert not tested.reservation and not tested.basis
+    assert bool(untested.reservation) == untested.decided == decided
+    assert "no reading" in untested.basis
+    signed = _decision(nothing_stated, untested)
+    assert (untested.basis in signed) == decided and ("instrument" in signed) is False
+    assert _decision(nothing_stated, tested) == DECISIONS[verdict]
+    unknown = replace(untested, value=float("nan"), verdict=OPEN)
+    assert not unknown.basis and not unknown.reservation
+    assert isnan(tested.guard_band) if verdict == NOT_ASKED else tested.guard_band == 1e-6
+
+
 @pytest.mark.parametrize("tolerance", [50e-6, 1e-6])
 @pytest.mark.parametrize("acts", [NAMED, AMBIGUOUS, UNEXPLAINED, CONSISTENT, NOT_TESTABLE])
 def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, tolerance):
@@ -233,6 +253,7 @@ def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, t
     alone = KEEPS if tolerance == 50e-6 else EXCEEDS
     assert judged.verdict == (alone if acts in (CONSISTENT, NOT_TESTABLE) else OPEN)
     assert judged.more_acts == (judged.verdict == OPEN)
+    assert judged.tested == (acts != NOT_TESTABLE)
 
 
 def test_noise_exceeds_no_limit():

@@ -455,6 +455,15 @@ def test_the_summary_has_every_single_error_the_decision_and_who_signs(page, doc
     assert page.facts()["Decision"] == "the machine conforms"
     assert page.facts()["Largest error allowed"] == "50 µm"
     summary = document["summary"]
+    (decision,) = summary["decisions"]
+    assert decision["quantity"] == "largest_error_in_volume" and decision["decision"] == "keeps"
+    assert decision["value"] == summary["value"] and decision["limit"] == pytest.approx(50e-6)
+    assert decision["guard_band"] == decision["expanded_uncertainty"]
+    assert decision["expanded_uncertainty"] == summary["expanded_uncertainty"]
+    worst = document["sections"]["volume"]["worst"]["methods"][solved.preferred().method]
+    assert list(decision["position"].values()) == worst["position"]
+    assert decision["diagnosis"] == document["sections"]["discrepancy"]["verdict"]
+    assert decision["tested"] is True and decision["basis"] is None
     size = with_expanded(summary["value"], summary["expanded_uncertainty"], IN_MICRO)
     assert f"Largest error {size} µm (U: 95 %) at X " in page.text
     signed = [row for rows in page.tables.values() for row in rows if "date, signature" in row]
