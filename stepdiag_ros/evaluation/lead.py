@@ -15,7 +15,7 @@ from typing import Any
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.evaluation.budget import is_lower_bound, uncertainty_of_largest
-from stepdiag_ros.evaluation.positioning import PositioningReport
+from stepdiag_ros.evaluation.positioning import PositioningReport, tests_alone, tests_of
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
 from stepdiag_ros.evaluation.solving import one_thread
@@ -66,7 +66,8 @@ class RunLead:
         target: how far the run has come to its target; None if it has none.
         uneven: lines whose targets are not evenly spaced, so that only ISO 230-2 and ISO 230-6
             evaluate the run; empty if errors were estimated.
-        positioning: the tests by these standards; None where they were not evaluated.
+        positioning: the tests by these standards; None where they were not evaluated, or the run
+            is more than such tests.
     """
 
     verdict: Verdict = field(default_factory=Verdict)
@@ -157,6 +158,7 @@ def lead_of(
         noise=noise,
         volume=accuracy,
         **_sureness(report, accuracy),
+        positioning=_tests(report, positioning),
         errors=tuple(sorted(known, key=lambda one: one.value, reverse=True)),
         directions=tuple(dict.fromkeys(one.line.direction for one in lines)),
         tracked=any(one.line.kind == TRACKER for one in lines),
@@ -180,6 +182,17 @@ def _sureness(report: Report, accuracy: VolumetricAccuracy | None) -> dict[str, 
         fields["expanded_uncertainty"] = sure.expanded.value
         fields["expanded_uncertainty_of_readings"] = sure.of_readings.value
     return fields
+
+
+def _tests(report: Report, found: PositioningReport | None) -> PositioningReport | None:
+    """Return the tests of a run that is nothing but tests of axes; None of any other run."""
+    measurement = report.measurement
+    if measurement is None or not tests_alone(measurement):
+        return None
+    if found is not None:
+        return found
+    made = tests_of(measurement, str(report.bag or ""), report.run_id)
+    return made if made.tests else None
 
 
 def uneven_of(measurement: Measurement) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ _NOT_JUDGED = (
     "report {}",
     "to hand over; the machine is not judged yet: --tolerance UM judges it",
 )
+_ISO_230 = ("iso230 {}", "the parameters of ISO 230-2, and the deviations at every target")
 _SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
 _MONITOR = ("monitor {}", "the run again, in the browser")
 _TESTED = {
@@ -69,9 +70,9 @@ def deciding_sentences(lead: RunLead) -> list[str]:
     said = [flaw.sentence for flaw in lead.recording]
     said += [] if lead.passes is None else incomplete_sentences(lead.passes)
     said += [] if lead.target is None else [_target(lead.target)]
+    said += [] if lead.positioning is None else leading_sentences(lead.positioning)
     if lead.uneven:
-        tests = [] if lead.positioning is None else leading_sentences(lead.positioning)
-        return [*said, *tests, f"{_NEED_EVEN} {uneven_reason(lead.uneven)}"]
+        return [*said, f"{_NEED_EVEN} {uneven_reason(lead.uneven)}"]
     said.append(_verdict(lead))
     return [*said, *_misfit(lead), *_unknown(lead)]
 
@@ -142,14 +143,11 @@ def next_steps(lead: RunLead) -> list[NextStep]:
     if lead.bag is None:
         return []
     more_acts = lead.verdict.more_acts
-    named: list[tuple[str, str]] = [
-        *_complete_first(lead),
-        ("iso230 {}", "the parameters of ISO 230-2, and the deviations at every target"),
-        _REPORT,
-    ]
+    named: list[tuple[str, str]] = [*_complete_first(lead), _ISO_230, _REPORT]
     if not lead.uneven:
         named = [
             *_complete_first(lead),
+            *([] if lead.positioning is None else [_ISO_230]),
             *([_SOLVE] if lead.solved is None else []),
             *(_after_verdict(lead) if more_acts else []),
             *_for_unknown(lead),

@@ -147,8 +147,8 @@ def judge(material: Material) -> ToleranceJudgement:
 def lead_of(material: Material) -> Lead:
     """Return what stands on the first page."""
     judged = judge(material)
-    if material.uneven and material.positioning is not None:
-        return _lead_of_tests(material, material.positioning, judged)
+    if material.lead.positioning is not None:
+        return _lead_of_tests(material, material.lead.positioning, judged)
     tone, headline = _headline(material, judged)
     if judged.more_acts and tone != "bad":
         # Whatever the figures are, something is to be done about what acts beside them.
@@ -168,7 +168,7 @@ def lead_of(material: Material) -> Lead:
 def _lead_of_tests(
     material: Material, positioning: PositioningReport, judged: ToleranceJudgement
 ) -> Lead:
-    """Return what stands on the first page of tests at unevenly spaced targets."""
+    """Return what stands on the first page of a run that is nothing but tests of axes."""
     decimals = decimals_of(positioning.tests)
     several = len(positioning.tests) > 1
     figures, facts = [], []
@@ -188,6 +188,9 @@ def _lead_of_tests(
     if judged.verdict != NOT_ASKED:
         sentences += _judged(judged)
     sentences.append(f"Temperature of these results: {temperature_words(material)}.")
+    if not material.uneven:
+        sentences.append(f"How sure: {_basis(material)}")
+        facts.append(Fact("Model and run", verdict_words(material)))
     first, *others = what_to_do(material, judged)
     sentences += [f"What to do: {first}", *(f"Then: {text}" for text in others)]
     tone = "neutral" if material.lead.whole and judged.verdict == NOT_ASKED else "open"

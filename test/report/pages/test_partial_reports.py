@@ -420,6 +420,32 @@ def test_a_test_of_an_axis_at_uneven_targets_is_still_reported(tmp_path):
     assert facts["A stop"].startswith("unknown")
 
 
+def test_a_test_of_an_axis_at_even_targets_leads_with_the_standard_too(tmp_path, capsys):
+    text = f"{HEAD}repeats: 5\ndirections: [forward, backward]\noverrun_m: 0.002\n"
+    bag = tmp_path / "axis.mcap"
+    write_bag(bag, f"{text}lines:\n  - {{kind: linear, names: [x]}}\n")
+    assert main(["report", str(bag), "--html", "--json"]) == 0
+    folder = tmp_path / "axis_report"
+    told = ReadPage((folder / "report.html").read_text(encoding="utf-8"))
+    document = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    (test,) = document["sections"]["axes"]["tests"]
+    facts, parameters = told.facts(), test["parameters"]
+    for name in ("A", "R", "E", "M", "B"):
+        shown = float(facts[name].split()[0])
+        assert shown == pytest.approx(parameters[name]["value"] * 1e6, abs=1e-3)
+    assert told.headings[0].startswith("ISO 230-2: X A = ")
+    said = document["summary"]["sentences"]
+    verdict = document["sections"]["discrepancy"]["verdict"]
+    places = [number for number, one in enumerate(said) if one.startswith(verdict)]
+    assert said[0].startswith("ISO 230-2, axis X") and places and places[0] > 0
+    assert not any("need evenly spaced targets" in one for one in said)
+    capsys.readouterr()
+    assert main(["solve", str(bag), "--json", "--pictures", "none"]) == 0
+    lead = json.loads(capsys.readouterr().out)["lead"]
+    assert lead["sentences"][0] == said[0]
+    assert lead["next"][0]["command"].startswith("stepdiag iso230")
+
+
 def test_a_positioning_error_has_no_smaller_u_than_iso_230_2_states_for_it(tmp_path):
     text = f"{HEAD}repeats: 5\ndirections: [forward, backward]\noverrun_m: 0.002\n"
     bag, conditions = tmp_path / "axis.mcap", tmp_path / "conditions.yaml"
