@@ -1,6 +1,7 @@
 """``stepdiag solve``: from a bag to volumetric errors, without any node."""
 
 from argparse import ArgumentParser, Namespace
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,9 @@ def rotation_size(text: str) -> float:
 def run(arguments: Namespace) -> int:
     """Solve the bag; see the module."""
     from stepdiag_ros.bags.run import load_run
+    from stepdiag_ros.evaluation.budget import with_budget
     from stepdiag_ros.evaluation.recorded_run import report_of_run
+    from stepdiag_ros.metrology.solvers.limits import BUDGET
 
     folder = results_folder(arguments.bag)
     with progress_bar(f"reading {arguments.bag.name}") as progress:
@@ -89,7 +92,10 @@ def run(arguments: Namespace) -> int:
                 with_verdict=True,
                 direct=direct_measurement(arguments),
                 rotation=arguments.rotations,
+                further=(BUDGET,),
             )
+            expansion = nan if arguments.expansion is None else arguments.expansion
+            report = with_budget(report, expansion, arguments.material_temperature)
     if recorded.plan.tracker is not None:
         from stepdiag_ros.commands.tracker_evaluate import show_run
 
@@ -101,6 +107,7 @@ def run(arguments: Namespace) -> int:
 def prepare() -> None:
     """Import what ``run`` needs and what takes long to import; harmless when called again."""
     import stepdiag_ros.bags.run
+    import stepdiag_ros.evaluation.budget
     import stepdiag_ros.evaluation.recorded_run
     import stepdiag_ros.plots.files.run
     import stepdiag_ros.report.publish  # noqa: F401

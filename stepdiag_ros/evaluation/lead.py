@@ -10,10 +10,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
-from stepdiag_ros.evaluation.positioning import PositioningReport
+from stepdiag_ros.evaluation.budget import is_lower_bound, uncertainty_of_largest
+from stepdiag_ros.evaluation.positioning import PositioningReport, tests_alone, tests_of
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
 from stepdiag_ros.evaluation.solving import one_thread
@@ -22,12 +24,12 @@ from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import Plan
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.solvers.observations import unevenly_spaced
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.undetermined import undetermined
 
 
@@ -47,7 +49,13 @@ class RunLead:
         remedy: which lines would determine them, in words; empty if that is not known.
         noise: the errors are no more than noise makes.
         volume: longest error vector in the measured box; None if not known.
-        expanded_uncertainty: of that (95 %), m; NaN if not known.
+        expanded_uncertainty: of that (95 %), m: with a budget the larger of U of the readings and U
+            by the budget, without one U of the readings; NaN if not known.
+        expanded_uncertainty_of_readings: U of the readings alone (95 %), m; NaN if not known.
+        budgeted: an uncertainty budget is in the uncertainties.
+        lower_bound: a source that acts is not known: uncertainties are lower bounds.
+        plausible: sizes of rotations and of the laser's scale that uncertainties contain.
+        rotation_stated: somebody stated that of rotations; if not, it is assumed.
         errors: the single errors that are known, largest first.
         directions: of the lines that were measured.
         as_zero: names of the rotations that were taken as zero.
@@ -58,7 +66,8 @@ class RunLead:
         target: how far the run has come to its target; None if it has none.
         uneven: lines whose targets are not evenly spaced, so that only ISO 230-2 and ISO 230-6
             evaluate the run; empty if errors were estimated.
-        positioning: the tests by these standards; None where they were not evaluated.
+        positioning: the tests by these standards; None where they were not evaluated, or the run
+            is more than such tests.
     """
 
     verdict: Verdict = field(default_factory=Verdict)
@@ -72,6 +81,11 @@ class RunLead:
     noise: bool = False
     volume: VolumetricAccuracy | None = None
     expanded_uncertainty: float = math.nan
+    expanded_uncertainty_of_readings: float = math.nan
+    budgeted: bool = False
+    lower_bound: bool = True
+    plausible: Plausible = ORDINARY
+    rotation_stated: bool = False
     errors: tuple[SingleError, ...] = ()
     directions: tuple[str, ...] = ()
     as_zero: tuple[str, ...] = ()
@@ -92,16 +106,14 @@ class RunLead:
 def lead_of(
     report: Report,
     accuracy: VolumetricAccuracy | None = None,
-    expanded_uncertainty: float = math.nan,
     errors: Sequence[SingleError] | None = None,
     positioning: PositioningReport | None = None,
 ) -> RunLead:
     """Return the summary of a run that was solved, or could not be solved.
 
     Args:
-        report: of the run.
+        report: of the run; with a budget every uncertainty is at least that of the budget.
         accuracy: of the method to rely on, where it was computed already.
-        expanded_uncertainty: of the accuracy, where more is known than the readings show, m.
         errors: by the same method, where computed already.
         positioning: the tests by ISO 230-2 and ISO 230-6, where they were evaluated.
     """
@@ -123,11 +135,9 @@ def lead_of(
         accuracy = of_result(result, report.chain, report.plausible)
     if accuracy is not None and not math.isfinite(accuracy.value):
         accuracy = None
-    if accuracy is not None and math.isnan(expanded_uncertainty):
-        expanded_uncertainty = COVERAGE_FACTOR * accuracy.standard_uncertainty
     known = [
         one
-        for one in (single_errors(result) if errors is None else errors)
+        for one in (single_errors(result, report.budget) if errors is None else errors)
         if math.isfinite(one.value)
     ]
     freedom = result.degrees_of_freedom
@@ -147,7 +157,8 @@ def lead_of(
         remedy=_remedy(measurement, report.passes) if unknown else "",
         noise=noise,
         volume=accuracy,
-        expanded_uncertainty=expanded_uncertainty if accuracy is not None else math.nan,
+        **_sureness(report, accuracy),
+        positioning=_tests(report, positioning),
         errors=tuple(sorted(known, key=lambda one: one.value, reverse=True)),
         directions=tuple(dict.fromkeys(one.line.direction for one in lines)),
         tracked=any(one.line.kind == TRACKER for one in lines),
@@ -156,6 +167,32 @@ def lead_of(
         told_elsewhere=() if rotating else _told(report.results),
         target=report.target,
     )
+
+
+def _sureness(report: Report, accuracy: VolumetricAccuracy | None) -> dict[str, Any]:
+    """Return the fields of a lead on how well the largest error is known."""
+    fields: dict[str, Any] = {
+        "budgeted": report.budget is not None,
+        "lower_bound": is_lower_bound(report.budget),
+        "plausible": report.plausible,
+        "rotation_stated": report.rotation_stated,
+    }
+    if accuracy is not None:
+        sure = uncertainty_of_largest(report, accuracy, report.budget)
+        fields["expanded_uncertainty"] = sure.expanded.value
+        fields["expanded_uncertainty_of_readings"] = sure.of_readings.value
+    return fields
+
+
+def _tests(report: Report, found: PositioningReport | None) -> PositioningReport | None:
+    """Return the tests of a run that is nothing but tests of axes; None of any other run."""
+    measurement = report.measurement
+    if measurement is None or not tests_alone(measurement):
+        return None
+    if found is not None:
+        return found
+    made = tests_of(measurement, str(report.bag or ""), report.run_id)
+    return made if made.tests else None
 
 
 def uneven_of(measurement: Measurement) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.plan import LINEAR
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.standards.axis_test import all_runs, is_diagonal
 from stepdiag_ros.metrology.standards.iso230_2 import PARAMETERS, PositioningTest, evaluate
@@ -101,6 +103,36 @@ class PositioningReport:
         if any(is_diagonal(test.kind) for test in self.tests):
             return (volumetric_warning(self.tests),)
         return ()
+
+
+def tests_alone(measurement: Measurement) -> bool:
+    """Say whether lines are a test by ISO 230-2 and nothing else: repeated lines along axes."""
+    lines = [one.line for one in measurement.lines]
+    setups = {one.setup for one in measurement.lines}
+    axes = {line.name for line in lines}
+    passes = {(line.name, line.direction) for line in lines}
+    return (
+        bool(lines)
+        and all(line.kind == LINEAR for line in lines)
+        and len(setups) == len(axes)
+        and len(passes) < len(lines)
+    )
+
+
+def tests_of(measurement: Measurement, source: str = "", run_id: str = "") -> PositioningReport:
+    """Evaluate all tests in lines of whose measuring conditions nothing is stated.
+
+    Args:
+        measurement: the lines.
+        source: file that they came from.
+        run_id: identity of the run.
+
+    Raises:
+        ValueError: runs of one setup have different targets.
+    """
+    known = UncertaintyDescription()
+    tests = tuple(evaluate(one, known) for one in all_runs(measurement))
+    return PositioningReport(tests, source, run_id, known.unknown())
 
 
 def positioning_of(

@@ -18,6 +18,7 @@ from stepdiag_ros.metrology.air.recompensation import AirChoice, begins_of_setup
 from stepdiag_ros.metrology.assembly import assemble
 from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement, Reading, latest_attempts
+from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.solvers.limits import DIAGNOSIS, VISIBILITY, left_out, left_out_sentence
@@ -136,6 +137,7 @@ def _report_of_run(
         report,
         target=target_standing(recorded, measurement, report.results),
         routine=(remark, *diagnosed(recorded)),
+        rotation_stated=rotation is not None or ROTATIONS_KEY in recorded.machine,
     )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.visibility import Visibility
+
+if TYPE_CHECKING:
+    from stepdiag_ros.metrology.uncertainty.budget import Budget
 
 ZERO_BY_DEFINITION = 1e-15
 """Below this standard uncertainty, m, a value is fixed by the frame; what is left is rounding."""
@@ -112,6 +116,8 @@ class Report:
         passes: how much of the plan was measured; None if that is not known.
         recording: what is wrong with the recording: missing, doubled, out of order.
         target: how far the run has come to its target; None if it has none.
+        budget: uncertainty budget of the result to rely on; None if none was made.
+        rotation_stated: somebody stated how large rotations plausibly are; if not, it is assumed.
     """
 
     results: tuple[VolumetricErrors, ...]
@@ -134,6 +140,8 @@ class Report:
     passes: Completeness | None = None
     recording: tuple[Flaw, ...] = ()
     target: TargetStanding | None = None
+    budget: "Budget | None" = None
+    rotation_stated: bool = False
 
     def ordered_results(self) -> tuple[VolumetricErrors, ...]:
         """Return the results in the order in which they are shown."""

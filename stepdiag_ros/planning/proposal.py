@@ -115,8 +115,8 @@ def propose(request: Request) -> PlanProposal:
     """Seek the plan for a request.
 
     Wished for an uncertainty, the shortest plan that is expected to reach it is taken; given a
-    time, the best within it; with neither, the shortest whose uncertainty is at most twice that of
-    the best.
+    time, the shortest within it that is as good as the best; with neither, the shortest that is
+    nearly as good.
 
     Raises:
         ValueError: the request contradicts itself or the machine, or no candidate fulfils it; says
@@ -296,7 +296,7 @@ def _choose(
     """Return the candidate that fits the wishes best, and why it does."""
     best = min(fit, key=lambda one: (one.uncertainty, one.duration.total))
     in_time = _in_time(fit, request, purpose)
-    best_in_time = min(in_time, key=lambda one: (one.uncertainty, one.duration.total))
+    best_in_time = _as_good(in_time)
     within = f" within {hours(request.time_limit)}" if request.time_limit is not None else ""
     if request.until:
         wished = wish_words(request, purpose)
@@ -317,7 +317,8 @@ def _choose(
             f"the shortest of {considered} candidates that is expected to reach {wished}{within}",
         )
     if request.time_limit is not None:
-        return best_in_time, f"the best of {considered} candidates{within}"
+        why = f"the shortest of {considered} candidates{within} that are as good as the best"
+        return best_in_time, why
     enough = [one for one in fit if one.uncertainty <= _ENOUGH * best.uncertainty]
     return (
         min(enough, key=lambda one: (one.duration.total, one.uncertainty)),
@@ -325,6 +326,13 @@ def _choose(
         f"{_ENOUGH:g} times that of the best ({size_words(best.uncertainty, purpose.unit)} in "
         f"{hours(best.duration.total)})",
     )
+
+
+def _as_good(fit: list[PlanCandidate]) -> PlanCandidate:
+    """Return the shortest candidate whose uncertainty is practically that of the best."""
+    least = min(one.uncertainty for one in fit)
+    good = [one for one in fit if one.uncertainty <= _NEARLY * least]
+    return min(good, key=lambda one: (one.duration.total, one.uncertainty))
 
 
 def _in_time(

@@ -35,6 +35,7 @@ def worst_error(
     chain: str = "",
     *,
     expanded_uncertainty: float | None = None,
+    which: str = "",
     title: str | None = None,
     stamp: str = "",
     axes: Any = None,
@@ -47,7 +48,8 @@ def worst_error(
     Args:
         result: of a solver.
         chain: order of the axes from workpiece to tool; needed where the result has rotations.
-        expanded_uncertainty: of the longest error vector (95 %), m; None: that of the result.
+        expanded_uncertainty: of the longest error vector (95 %), m; None: that of the readings.
+        which: what the heading says of this uncertainty, such as "U is a lower bound".
         title: heading; None: one that says what is shown; empty: none.
         stamp: what the figure was made from.
         axes: to draw in instead of a new figure.
@@ -60,6 +62,7 @@ def worst_error(
         return None
     if expanded_uncertainty is None:
         expanded_uncertainty = COVERAGE_FACTOR * worst.standard_uncertainty
+        which = which or "of the readings"
     error_map = VolumetricMap.of_result(result, chain)
     low, high = error_map.low, error_map.high
     sheet = Sheet(1, 1, 3.1, axes=axes, width=5.0, left=0.1, right=1.1, bottom=0.05)
@@ -73,7 +76,8 @@ def worst_error(
         f"{letter} {plain(value * IN_MILLI, 1)}"
         for letter, value in zip(AXES, worst.position, strict=True)
     )
-    heading = f"Largest error: {size} µm (95 %)" if title is None else title
+    note = f"95 %, {which}" if which else "95 %"
+    heading = f"Largest error: {size} µm ({note})" if title is None else title
     figure = sheet.finish(
         heading,
         under=[f"at {where} mm"] if title is None else [],

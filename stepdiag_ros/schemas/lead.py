@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from stepdiag_ros.schemas.parts import Count, Uncertainty, means, one_of
 
@@ -166,7 +166,33 @@ class Document:
         ),
     ]
     largest_in_volume: Annotated[Uncertainty, means("Longest error vector in the measured box, m.")]
-    expanded_uncertainty: Annotated[Uncertainty, means("Of that (95 %), m.")]
+    expanded_uncertainty: Annotated[
+        Uncertainty,
+        means(
+            "Of that (95 %), m: with an uncertainty budget the larger of U by the budget and U of"
+            " the readings, without one U of the readings."
+        ),
+    ]
+    expanded_uncertainty_of_readings: (
+        Annotated[
+            Uncertainty,
+            means(
+                "Of that (95 %), m: of the readings, of rotations as far as the readings leave them"
+                " open, and of the laser's scale alone."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    budgeted: (
+        Annotated[bool, means("An uncertainty budget is in the uncertainties.")] | UnsetType
+    ) = UNSET
+    lower_bound: (
+        Annotated[
+            bool,
+            means("A source that acts is not known, so that uncertainties are lower bounds."),
+        ]
+        | UnsetType
+    ) = UNSET
     single_errors: Annotated[
         Sequence[SingleError],
         means(

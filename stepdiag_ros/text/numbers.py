@@ -14,7 +14,7 @@ from stepdiag_ros.metrology.units import IN_MICRO
 UNKNOWN = "unknown"
 
 
-WITHOUT_BUDGET = "± without the budget"
+OF_READINGS = "± of the readings"
 """In the head of tables whose ± are those of the method: of the readings, of rotations that they
 leave open and of the laser's scale, not of the whole uncertainty budget."""
 

@@ -64,9 +64,18 @@ def figure_name(one: BeforeAndAfter) -> str:
 
 
 def size_words(value: float, unit: str) -> str:
-    """Write an error in µm, or squareness (unit ``rad``) in µm/m and arc-seconds."""
+    """Write an error in µm, or squareness (unit ``rad``) in µm/m and arc-seconds.
+
+    What is below the last digit is written as less than this digit, never as zero: tables are as
+    fine as their numbers, and what remains is not known to be nothing.
+    """
     if not math.isfinite(value):
         return UNKNOWN
     if unit == "rad":
-        return f'{plain(value * IN_MICRO, 2)} µm/m ({plain(value * ARC_SECONDS, 2)}")'
-    return f"{plain(value * IN_MICRO, _DECIMALS)} µm"
+        return f'{_resolved(value * IN_MICRO, 2)} µm/m ({_resolved(value * ARC_SECONDS, 2)}")'
+    return f"{_resolved(value * IN_MICRO, _DECIMALS)} µm"
+
+
+def _resolved(size: float, decimals: int) -> str:
+    digit = 10.0**-decimals
+    return plain(size, decimals) if abs(size) >= digit else f"< {plain(digit, decimals)}"

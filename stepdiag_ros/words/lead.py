@@ -18,12 +18,12 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     UNEXPLAINED,
 )
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
-from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
+from stepdiag_ros.metrology.plausible import ROTATIONS_KEY, Plausible
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.target_words import end_words
-from stepdiag_ros.text.numbers import plain, with_expanded
+from stepdiag_ros.text.numbers import OF_READINGS, plain, with_expanded, with_uncertainty
 from stepdiag_ros.text.terminal import fitted
 from stepdiag_ros.words.positioning import leading_sentences, uneven_reason
 
@@ -34,6 +34,7 @@ _NOT_JUDGED = (
     "report {}",
     "to hand over; the machine is not judged yet: --tolerance UM judges it",
 )
+_ISO_230 = ("iso230 {}", "the parameters of ISO 230-2, and the deviations at every target")
 _SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
 _MONITOR = ("monitor {}", "the run again, in the browser")
 _TESTED = {
@@ -69,9 +70,9 @@ def deciding_sentences(lead: RunLead) -> list[str]:
     said = [flaw.sentence for flaw in lead.recording]
     said += [] if lead.passes is None else incomplete_sentences(lead.passes)
     said += [] if lead.target is None else [_target(lead.target)]
+    said += [] if lead.positioning is None else leading_sentences(lead.positioning)
     if lead.uneven:
-        tests = [] if lead.positioning is None else leading_sentences(lead.positioning)
-        return [*said, *tests, f"{_NEED_EVEN} {uneven_reason(lead.uneven)}"]
+        return [*said, f"{_NEED_EVEN} {uneven_reason(lead.uneven)}"]
     said.append(_verdict(lead))
     return [*said, *_misfit(lead), *_unknown(lead)]
 
@@ -80,7 +81,7 @@ def size_sentences(lead: RunLead) -> list[str]:
     """Say the worst place, the largest single errors, and which errors were taken as zero."""
     if lead.noise and lead.volume is not None:
         return [_noise(lead, lead.volume), *_taken_as_zero(lead)]
-    said = [] if lead.volume is None else [_worst(lead.volume, lead.expanded_uncertainty)]
+    said = [] if lead.volume is None else [_worst(lead, lead.volume)]
     if lead.errors:
         # An unknown error may be larger than all known ones.
         what = "Largest known single errors" if lead.unknown else "Largest single errors"
@@ -94,16 +95,30 @@ def size_sentences(lead: RunLead) -> list[str]:
 
 
 def coverage_sentences(lead: RunLead) -> list[str]:
-    """Say what the ± of a result without an uncertainty budget contain; nothing without a ±.
+    """Say what the ± contain of which nobody stated anything; nothing without a ±.
 
     A run with a tracker states that in its own words.
     """
     if lead.tracked or not _has_values(lead):
         return []
+    if not lead.budgeted:
+        return [
+            f"± (95 %): of the readings, of pitch, yaw and roll, and of"
+            f" {laser_scale(lead.plausible)}. There is no uncertainty budget of this run, so that"
+            " other errors of laser, air and setup are not in it."
+        ]
+    alone = ""
+    if isfinite(lead.expanded_uncertainty_of_readings) and not lead.noise:
+        size = with_uncertainty(0.0, lead.expanded_uncertainty_of_readings * IN_MICRO)[1]
+        alone = f", {size} µm for the largest error"
+    bound = (
+        " Of laser, air and setup nothing was stated, so that U does not contain them and is a"
+        " lower bound: stepdiag report --instrument FILE."
+    )
     return [
-        f"± (95 %): of the readings, of pitch, yaw and roll, and of {laser_scale(ORDINARY)}. Other"
-        " errors of laser, air and setup are not in it: stepdiag report and stepdiag budget have"
-        " the larger U."
+        f"± (95 %): U by the uncertainty budget, as in stepdiag report, or of the readings where"
+        f" that is larger. Tables show '{OF_READINGS}'{alone}."
+        f"{bound if lead.lower_bound else ''} {_assumed_rotations(lead)}"
     ]
 
 
@@ -113,19 +128,26 @@ def laser_scale(plausible: Plausible) -> str:
     return f"the laser's scale (u = {size} µm/m in a setup)"
 
 
+def _assumed_rotations(lead: RunLead) -> str:
+    size = f"{lead.plausible.rotation * IN_MICRO:.3g} µrad"
+    if lead.rotation_stated:
+        return f"Pitch, yaw and roll: {size}, as stated for the machine."
+    return (
+        f"Assumed, because the machine file does not state '{ROTATIONS_KEY}': pitch, yaw and roll"
+        f" of {size}."
+    )
+
+
 def next_steps(lead: RunLead) -> list[NextStep]:
     """Return what to do next, most urgent first; what comes after it only where it may."""
     if lead.bag is None:
         return []
     more_acts = lead.verdict.more_acts
-    named: list[tuple[str, str]] = [
-        *_complete_first(lead),
-        ("iso230 {}", "the parameters of ISO 230-2, and the deviations at every target"),
-        _REPORT,
-    ]
+    named: list[tuple[str, str]] = [*_complete_first(lead), _ISO_230, _REPORT]
     if not lead.uneven:
         named = [
             *_complete_first(lead),
+            *([] if lead.positioning is None else [_ISO_230]),
             *([_SOLVE] if lead.solved is None else []),
             *(_after_verdict(lead) if more_acts else []),
             *_for_unknown(lead),
@@ -249,7 +271,7 @@ def _noise(lead: RunLead, volume: VolumetricAccuracy) -> str:
     )
 
 
-def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
+def _worst(lead: RunLead, accuracy: VolumetricAccuracy) -> str:
     place = ", ".join(
         f"{letter} {plain(value * IN_MILLI, 1)}"
         for letter, value in zip("XYZ", accuracy.position, strict=True)
@@ -258,10 +280,13 @@ def _worst(accuracy: VolumetricAccuracy, expanded_uncertainty: float) -> str:
         f"{plain(value * IN_MICRO, 2)} in {letter}"
         for letter, value in zip("XYZ", accuracy.vector, strict=True)
     )
-    size = with_expanded(accuracy.value, expanded_uncertainty, IN_MICRO)
+    size = with_expanded(accuracy.value, lead.expanded_uncertainty, IN_MICRO)
+    which = "" if lead.budgeted else " (U of the readings)"
+    if lead.budgeted and lead.lower_bound:
+        which = " (U is a lower bound)"
     said = f"error vector: {vector} µm; " if isfinite(accuracy.vector[0]) else ""
     return (
-        f"Largest error in the measured volume: {size} µm at {place} mm"
+        f"Largest error in the measured volume: {size} µm{which} at {place} mm"
         f" ({said}it is zero at the first corner of the volume)."
     )
 

@@ -86,7 +86,8 @@ def leading_sentences(report: PositioningReport) -> list[str]:
     if report.unknown:
         which = "A U is unknown where it needs" if known else "U is unknown, because it needs"
         said.append(
-            f"{which} what is not stated: {', '.join(report.unknown)} (--uncertainty FILE)."
+            f"{which} what is not stated: {', '.join(report.unknown)} (stepdiag iso230"
+            " or stepdiag report, --uncertainty FILE)."
         )
     return said
 

@@ -55,6 +55,8 @@ def test_size_uncertainty_and_place_stand_above_it():
     assert said[0] == f"Largest error: {with_expanded(worst.value, 2e-7, 1e6)} µm (95 %)"
     assert said[1].startswith(f"at X {worst.position[0] * 1e3:.1f}, Y ")
     assert plots.worst_error(with_unknown(result)) is None
+    of_readings = plots.worst_error(result).texts[0].get_text()
+    assert "of the readings" in of_readings
 
 
 def test_letters_are_readable_where_it_is_600_pixels_wide():

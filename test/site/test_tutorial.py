@@ -112,7 +112,9 @@ def test_the_hidden_fault_is_named(said):
 
 def rows(text):
     """Return first and second figure of the rows that begin with a name of two words."""
-    found = re.findall(r"^ (volume, \w+) +(?:µm +)?(\S+)(?: µm| ± \S+) +(\S+)", text, re.MULTILINE)
+    found = re.findall(
+        r"^ (volume, \w+) +(?:µm +)?(\S+)(?: µm| ± \S+) +(?:< )?(\S+)", text, re.MULTILINE
+    )
     return {name: (float(first), float(second)) for name, first, second in found}
 
 

@@ -11,6 +11,8 @@ from results_by_hand import BLOCKS, make_report, make_result, true_rotations, wi
 
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.evaluation import lead as leads
+from stepdiag_ros.evaluation.budget import with_budget
+from stepdiag_ros.evaluation.build import build_report
 from stepdiag_ros.evaluation.lead import lead_of
 from stepdiag_ros.evaluation.single_errors import expanded_of_curve, single_errors, with_ranges
 from stepdiag_ros.metrology.credibility import Misfit
@@ -21,10 +23,13 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded
+from stepdiag_ros.metrology.uncertainty.largest_error import budget_of_largest_error
+from stepdiag_ros.plots.files.run import draw_all
+from stepdiag_ros.report.documents.lead import lead_document
 from stepdiag_ros.report.documents.run import report_json
 from stepdiag_ros.report.tables.run import print_report, print_summary
 from stepdiag_ros.text.console import make_console
-from stepdiag_ros.text.numbers import plus_minus
+from stepdiag_ros.text.numbers import OF_READINGS, plus_minus, with_expanded, with_uncertainty
 from stepdiag_ros.words.lead import (
     coverage_sentences,
     from_here,
@@ -147,7 +152,8 @@ def test_the_worst_place_is_that_of_the_volume():
     report = make_report(results=(returning(),))
     found = of_result(report.preferred(), report.chain)
     size = plus_minus(found.value, found.standard_uncertainty, 1e6)
-    assert f"Largest error in the measured volume: {size} µm at" in in_short(report)[0]
+    assert f"Largest error in the measured volume: {size} µm" in in_short(report)[0]
+    assert f"at X {found.position[0] * 1e3:.1f}" in in_short(report)[0]
 
 
 def zero_words(*results):
@@ -304,11 +310,38 @@ def test_the_first_screen_says_which_uncertainty_it_prints():
     lead = lead_of(make_report(results=(returning(),)))
     (said,) = coverage_sentences(lead)
     size = np.hypot(PLAUSIBLE_SCALE, PLAUSIBLE_SHIFT) * 1e6
-    assert f"{size:.2f} µm/m" in said and "stepdiag budget" in said and "stepdiag report" in said
+    assert f"{size:.2f} µm/m" in said and "budget" in said
+    assert not lead.budgeted and "U of the readings" in sentences_of(lead)[1]
     assert not coverage_sentences(lead_of(make_report(results=())))
     stream = io.StringIO()
     print_summary(make_report(results=(returning(),)), make_console(stream))
     assert said in stream.getvalue()
+
+
+def test_with_a_budget_the_larger_u_counts_and_what_nobody_stated_is_said():
+    measurement = simulate(load_plan("demo")[0], load_cell("demo")[0], seed=1)
+    bare = build_report(measurement, chain="YXZ")
+    report = with_budget(bare)
+    lead, narrow = lead_of(report), lead_of(bare)
+    found = of_result(report.preferred(), report.chain, report.plausible)
+    by_budget = budget_of_largest_error(report.preferred(), found, report.budget, report.chain)
+    assert lead.expanded_uncertainty == by_budget.expanded.value > narrow.expanded_uncertainty
+    assert lead.expanded_uncertainty_of_readings == narrow.expanded_uncertainty
+    assert lead.budgeted and lead.lower_bound
+    assert tuple(lead.errors) != tuple(narrow.errors)
+    (said,) = coverage_sentences(lead)
+    size = with_uncertainty(0.0, narrow.expanded_uncertainty * 1e6)[1]
+    assert OF_READINGS in said and f"{size} µm" in said and "--instrument" in said
+    assert "'rotations'" in said
+    (stated,) = coverage_sentences(replace(lead, rotation_stated=True))
+    assert "'rotations'" not in stated
+    document = lead_document(lead)
+    assert document["expanded_uncertainty"] == lead.expanded_uncertainty
+    assert document["expanded_uncertainty_of_readings"] == narrow.expanded_uncertainty
+    assert document["budgeted"] is document["lower_bound"] is True
+    heading = draw_all(report)["worst_error"].texts[0].get_text()
+    assert with_expanded(found.value, lead.expanded_uncertainty, 1e6) in heading
+    assert "lower bound" in heading
 
 
 def test_rotations_that_no_line_shows_have_the_size_that_the_machine_states():

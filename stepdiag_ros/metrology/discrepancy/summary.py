@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     DESCRIBED,
     NAMED,
+    NOT_TESTABLE,
     UNEXPLAINED,
     Diagnosis,
     RunnerUp,
@@ -56,6 +57,11 @@ class Verdict:
     def more_acts(self) -> bool:
         """Say whether the run shows more than its model contains."""
         return self.name in (NAMED, AMBIGUOUS, DESCRIBED, UNEXPLAINED)
+
+    @property
+    def tested(self) -> bool:
+        """Say whether a reading of the run could contradict its model, and was compared with it."""
+        return self.name not in (NOT_TESTABLE, NOT_DIAGNOSED)
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stepdiag_ros.evaluation.budget import is_lower_bound, uncertainty_of_largest
 from stepdiag_ros.evaluation.report import Report, robust_to_setup
 from stepdiag_ros.metrology.geometry import ROTATIONS
+from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.plots.angles import squareness
 from stepdiag_ros.plots.curves import error_curves
 from stepdiag_ros.plots.lines import repeatability
@@ -36,7 +38,16 @@ def draw_all(
     said = stamp(run_id=report.run_id, plan=report.plan)
     preferred = report.preferred()
     if preferred is not None:
-        worst = worst_error(preferred, report.chain, stamp=said)
+        found = of_result(preferred, report.chain, report.plausible)
+        worst = worst_error(
+            preferred,
+            report.chain,
+            expanded_uncertainty=uncertainty_of_largest(
+                report, found, report.budget
+            ).expanded.value,
+            which=_which(report),
+            stamp=said,
+        )
         if worst is not None:
             pictures["worst_error"] = worst
         pictures["error_curves"] = error_curves(preferred, truth=report.truth, stamp=said)
@@ -54,6 +65,13 @@ def draw_all(
         if passes is not None:
             pictures["repeatability"] = passes
     return pictures
+
+
+def _which(report: Report) -> str:
+    """Say which U of the largest error it is."""
+    if report.budget is None:
+        return "of the readings"
+    return "U is a lower bound" if is_lower_bound(report.budget) else ""
 
 
 def _methods_beside(report: Report, said: str) -> "dict[str, Picture]":

@@ -70,7 +70,8 @@ def _conformity(material: Material) -> Iterator[Element]:
         words(
             "dcc:declaration",
             f"Decision rule: {DECISION_RULE}. Decision on the largest error vector in the measured"
-            f" volume: {DECISIONS[judged.verdict]}.",
+            f" volume: {DECISIONS[judged.verdict]}{judged.reservation}."
+            f" {judged.basis if judged.decided else ''}".rstrip(),
         ),
         element("dcc:conformity", status) if status is not None else None,
         element("dcc:data", limit),

@@ -1,5 +1,6 @@
 """From the material to the files of the report: HTML page, PDF and JSON document."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -7,13 +8,14 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from stepdiag_ros import schemas
-from stepdiag_ros.report.pages.lead import judge, lead_of, what_to_do
+from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.report.pages.lead import ToleranceJudgement, judge, lead_of, what_to_do
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Lead, page
 from stepdiag_ros.report.pages.pictures import Drawn, Studio
 from stepdiag_ros.report.pages.section import SectionContent, ToldSection
 from stepdiag_ros.report.pages.sections import sections
-from stepdiag_ros.report.pages.summary import KEY, summary_chapter, summary_of
+from stepdiag_ros.report.pages.summary import DECISION_RULE, KEY, summary_chapter, summary_of
 from stepdiag_ros.report.publish import make_folder, whole_file
 
 TITLE = "Volumetric errors of a machine tool: report of a measurement"
@@ -100,6 +102,33 @@ def _known(values: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _decision(material: Material, judged: ToleranceJudgement) -> dict[str, Any]:
+    """Return the decision on the largest error in the volume with all that it rests on."""
+    accuracy, verdict = material.accuracy, material.lead.verdict
+    known = accuracy is not None and math.isfinite(accuracy.value)
+    return {
+        "quantity": "largest_error_in_volume",
+        "decision": judged.verdict,
+        "rule": DECISION_RULE,
+        **_known(
+            {
+                "value": judged.value,
+                "expanded_uncertainty": judged.expanded_uncertainty,
+                "coverage_factor": material.expanded.coverage_factor,
+                "lower_bound": judged.lower_bound,
+                "limit": judged.tolerance,
+                "guard_band": judged.guard_band,
+            }
+        ),
+        "position": None
+        if accuracy is None or not known
+        else dict(zip(AXES, map(float, accuracy.position), strict=True)),
+        "diagnosis": verdict.name,
+        "tested": judged.tested,
+        "basis": judged.basis or None,
+    }
+
+
 def report_document_of(material: Material) -> dict[str, Any]:
     """Return the report as a mapping that ``json`` can write: SI, unknown is null."""
     lead = lead_of(material)
@@ -111,6 +140,7 @@ def report_document_of(material: Material) -> dict[str, Any]:
             "sentences": list(lead.sentences),
             "recording": [flaw.as_dict() for flaw in material.report.recording],
             **_known(asdict(judged)),
+            "decisions": [_decision(material, judged)],
             "single_errors": [_known(asdict(one)) for one in material.single_errors],
             "what_to_do": what_to_do(material, judged),
         },

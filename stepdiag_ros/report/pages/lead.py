@@ -24,8 +24,8 @@ from stepdiag_ros.report.pages.sections.measurement import temperature_words
 from stepdiag_ros.report.tables.diagnosis import rivals_words
 from stepdiag_ros.report.tables.positioning import MEANINGS
 from stepdiag_ros.text.numbers import (
+    OF_READINGS,
     UNKNOWN,
-    WITHOUT_BUDGET,
     plain,
     with_expanded,
     with_uncertainty,
@@ -68,6 +68,7 @@ class ToleranceJudgement:
         tolerance: m; NaN if none was given.
         more_acts: the run itself shows more than the error curves contain.
         noise: the errors found are no more than noise makes.
+        tested: a reading of the run could contradict the error curves, and was compared with them.
     """
 
     verdict: str
@@ -77,6 +78,15 @@ class ToleranceJudgement:
     tolerance: float
     more_acts: bool
     noise: bool
+    tested: bool = True
+
+    @property
+    def guard_band(self) -> float:
+        """Return how far a value is from its limit where it is proven on either side, m.
+
+        By the default rule of ISO 14253-1 that is U; NaN without a limit.
+        """
+        return math.nan if self.verdict == NOT_ASKED else self.expanded_uncertainty
 
     @property
     def size(self) -> str:
@@ -88,8 +98,25 @@ class ToleranceJudgement:
     @property
     def reservation(self) -> str:
         """Say on what a decision rests beyond the figures; empty without a decision or a doubt."""
-        decided = self.verdict in (KEEPS, EXCEEDS)
-        return ", as far as the uncertainty is known" if decided and self.lower_bound else ""
+        if not self.decided:
+            return ""
+        known = ", as far as the uncertainty is known" if self.lower_bound else ""
+        return known if self.tested else f"{known}; the run could not test the error curves"
+
+    @property
+    def decided(self) -> bool:
+        """Say whether the value is proven to be on either side of its limit."""
+        return self.verdict in (KEEPS, EXCEEDS)
+
+    @property
+    def basis(self) -> str:
+        """Say on what the value and a decision rest where the run did not test that."""
+        if self.tested or not math.isfinite(self.value):
+            return ""
+        return (
+            "The largest error and U rest on the assumption that the machine has no errors beside"
+            " its error curves: no reading of this run tested that."
+        )
 
     @property
     def limit(self) -> str:
@@ -112,15 +139,16 @@ def judge(material: Material) -> ToleranceJudgement:
     proven = conformity(value, expanded, tolerance, more_acts=more_acts, noise=noise)
     verdict = _VERDICTS[proven]
     return ToleranceJudgement(
-        verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise
+        *(verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise),
+        tested=material.lead.verdict.tested,
     )
 
 
 def lead_of(material: Material) -> Lead:
     """Return what stands on the first page."""
     judged = judge(material)
-    if material.uneven and material.positioning is not None:
-        return _lead_of_tests(material, material.positioning, judged)
+    if material.lead.positioning is not None:
+        return _lead_of_tests(material, material.lead.positioning, judged)
     tone, headline = _headline(material, judged)
     if judged.more_acts and tone != "bad":
         # Whatever the figures are, something is to be done about what acts beside them.
@@ -140,7 +168,7 @@ def lead_of(material: Material) -> Lead:
 def _lead_of_tests(
     material: Material, positioning: PositioningReport, judged: ToleranceJudgement
 ) -> Lead:
-    """Return what stands on the first page of tests at unevenly spaced targets."""
+    """Return what stands on the first page of a run that is nothing but tests of axes."""
     decimals = decimals_of(positioning.tests)
     several = len(positioning.tests) > 1
     figures, facts = [], []
@@ -160,6 +188,9 @@ def _lead_of_tests(
     if judged.verdict != NOT_ASKED:
         sentences += _judged(judged)
     sentences.append(f"Temperature of these results: {temperature_words(material)}.")
+    if not material.uneven:
+        sentences.append(f"How sure: {_basis(material)}")
+        facts.append(Fact("Model and run", verdict_words(material)))
     first, *others = what_to_do(material, judged)
     sentences += [f"What to do: {first}", *(f"Then: {text}" for text in others)]
     tone = "neutral" if material.lead.whole and judged.verdict == NOT_ASKED else "open"
@@ -193,7 +224,7 @@ def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]
         return "bad", "Something acts in this machine that the error curves do not contain"
     words = {
         KEEPS: (
-            "open" if judged.lower_bound else "good",
+            "open" if judged.reservation else "good",
             f"The machine keeps its limit of {limit} in the measured volume",
         ),
         EXCEEDS: ("bad", f"The machine exceeds its limit of {limit} in the measured volume"),
@@ -225,7 +256,8 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
         OPEN: f"The largest error or its uncertainty does not allow a decision at {limit}"
         " (ISO 14253-1).",
     }
-    return [reason[judged.verdict]]
+    rests = f" {judged.basis}" if judged.decided and judged.basis else ""
+    return [reason[judged.verdict] + rests]
 
 
 def _basis(material: Material) -> str:
@@ -242,8 +274,8 @@ def _basis(material: Material) -> str:
     return (
         "Each ± on this page and the next is the larger of two. The first"
         f"{narrow} contains the scatter of the readings, {scale}, and pitch, yaw and roll as far as"
-        " the readings of this run leave them open; stepdiag solve, stepdiag volumetric and tables"
-        f" headed '{WITHOUT_BUDGET}' show it. The second{wide} is U of the uncertainty budget."
+        f" the readings of this run leave them open; tables headed '{OF_READINGS}' show it. The"
+        f" second{wide} is U of the uncertainty budget."
         f" {_of_rotations(material)} {_of_laser(material)} {_plausible_size(material)}"
     )
 

@@ -20,7 +20,13 @@ from stepdiag_ros.bags.seal import Seal, read_seal
 from stepdiag_ros.compensation import control as control_of
 from stepdiag_ros.compensation.control import Layout, checked_settings
 from stepdiag_ros.configuration import machine_from_text
-from stepdiag_ros.evaluation.budget import BudgetReport
+from stepdiag_ros.evaluation.budget import (
+    BudgetReport,
+    LargestErrorUncertainty,
+    budget_of,
+    is_lower_bound,
+    uncertainty_of_largest,
+)
 from stepdiag_ros.evaluation.compensation import CompensationReport, compensation_of, identified_of
 from stepdiag_ros.evaluation.diagnosis import Ask, DiagnosisReport, build_diagnosis, with_proposal
 from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
@@ -41,12 +47,8 @@ from stepdiag_ros.metrology.solvers import solvers
 from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance
 from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
-from stepdiag_ros.metrology.uncertainty.budget import make_budget
-from stepdiag_ros.metrology.uncertainty.coverage import Expanded, larger
-from stepdiag_ros.metrology.uncertainty.largest_error import (
-    LargestErrorBudget,
-    budget_of_largest_error,
-)
+from stepdiag_ros.metrology.uncertainty.coverage import Expanded
+from stepdiag_ros.metrology.uncertainty.largest_error import LargestErrorBudget
 from stepdiag_ros.metrology.uncertainty.repeats import Repeats, repeats_of
 from stepdiag_ros.report.pages.given import Given
 from stepdiag_ros.words.positioning import uneven_reason
@@ -250,28 +252,30 @@ class Material:
         The larger of two: of what the readings tell alone, and of all sources that the budget
         knows; see ``lower_bound``.
         """
-        return larger(self.expanded_of_readings, self.expanded_of_budget)
+        return Expanded() if self._largest is None else self._largest.expanded
 
     @property
     def expanded_of_readings(self) -> Expanded:
         """Return that of the result itself, without the budget; NaN where not known."""
-        if self.accuracy is None:
-            return Expanded()
-        return Expanded.of_normal(self.accuracy.standard_uncertainty)
+        return Expanded() if self._largest is None else self._largest.of_readings
 
     @property
     def expanded_of_budget(self) -> Expanded:
         """Return what the sources of the budget make of it; NaN where not known."""
-        made = self.budget_of_largest_error
-        return Expanded() if made is None else made.expanded
+        return Expanded() if self._largest is None else self._largest.of_budget
 
-    @cached_property
+    @property
     def budget_of_largest_error(self) -> LargestErrorBudget | None:
         """Return the budget of the longest error vector; None where one of the two is not known."""
-        preferred, found = self.report.preferred(), self.accuracy
-        if preferred is None or found is None or self.budget is None or not found.value > 0.0:
+        return None if self._largest is None else self._largest.budget
+
+    @cached_property
+    def _largest(self) -> LargestErrorUncertainty | None:
+        """Return how well the longest error vector is known; None where none was solved."""
+        if self.accuracy is None:
             return None
-        return budget_of_largest_error(preferred, found, self.budget.budget, self.report.chain)
+        budget = None if self.budget is None else self.budget.budget
+        return uncertainty_of_largest(self.report, self.accuracy, budget)
 
     @property
     def expanded_uncertainty(self) -> float:
@@ -291,17 +295,14 @@ class Material:
     @property
     def lower_bound(self) -> bool:
         """Say whether that uncertainty is a lower bound: a source that acts is not known."""
-        return self.budget is None or bool(np.any(self.budget.budget.at_least))
+        return is_lower_bound(None if self.budget is None else self.budget.budget)
 
     @cached_property
     def budget(self) -> BudgetReport | None:
         """Return the uncertainty budget of the method to rely on; None where there is none."""
 
         def made() -> BudgetReport:
-            preferred = self.report.preferred()
-            if preferred is None:
-                raise ValueError("no method could be used on these lines: there is no budget")
-            budget = make_budget(self.measurement, self.given.instrument, preferred.method)
+            budget = budget_of(self.report, self.given.instrument)
             return BudgetReport(budget, None, self.report.run_id, self.report.bag)
 
         return self._made_or_missing("budget", made)
@@ -338,12 +339,13 @@ class Material:
 
     @cached_property
     def diagnosed_report(self) -> Report:
-        """Return the report with the verdict of the diagnosis."""
+        """Return the report with the verdict of the diagnosis and the budget."""
         if self.diagnosis is None:
             verdict = Verdict(sentence=self.why_not("diagnosis"))
         else:
             verdict = Verdict.of(self.diagnosis.diagnosis)
-        return replace(self.report, verdict=verdict)
+        budget = None if self.budget is None else self.budget.budget
+        return replace(self.report, verdict=verdict, budget=budget)
 
     @cached_property
     def lead(self) -> RunLead:
@@ -351,7 +353,6 @@ class Material:
         return lead_of(
             self.diagnosed_report,
             self.accuracy,
-            self.expanded_uncertainty,
             self.single_errors,
             self.positioning,
         )

@@ -132,9 +132,12 @@ def _decision(material: Material, judged: ToleranceJudgement) -> str:
     decision = DECISIONS[judged.verdict]
     if not judged.reservation:
         return decision
-    known = material.given.instrument_source
-    about = f"not all of {known} is known" if known else "of the instrument nothing was stated"
-    return f"{decision}{judged.reservation} ({about})"
+    said = f"{decision}{judged.reservation}"
+    if judged.lower_bound:
+        known = material.given.instrument_source
+        about = f"not all of {known} is known" if known else "of the instrument nothing was stated"
+        said += f" ({about})"
+    return f"{said}. {judged.basis}" if judged.basis else said
 
 
 def _method(material: Material) -> str:

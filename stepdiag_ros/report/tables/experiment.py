@@ -9,7 +9,7 @@ from stepdiag_ros.metrology.table_one import TableOneRow
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.console import PlainConsole
-from stepdiag_ros.text.numbers import UNKNOWN, WITHOUT_BUDGET, plain, plus_minus
+from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, SignDefinition, angle_of, sign
 
@@ -22,7 +22,7 @@ def table_one_table(experiment: Experiment) -> Table:
     methods = list(experiment.table[0].estimated)
     columns = [*(["Measured"] if experiment.direct else []), *map(short_title, methods)]
     table = new_table(
-        f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {WITHOUT_BUDGET}", "", *columns
+        f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {OF_READINGS}", "", *columns
     )
     for row in experiment.table:
         cells = []

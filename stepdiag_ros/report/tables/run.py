@@ -24,7 +24,7 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.metrology.visibility import DETERMINED, VerdictRow, Visibility
 from stepdiag_ros.text.console import PlainConsole
-from stepdiag_ros.text.numbers import ARC_SECONDS, UNKNOWN, WITHOUT_BUDGET, plain, plus_minus
+from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.lead import (
     coverage_sentences,
@@ -65,7 +65,7 @@ def squareness_table(report: Report, definition: SignDefinition) -> Table:
     columns = [short_title(result.method) for result in results]
     if report.truth is not None:
         columns.append("Truth")
-    table = new_table(f"Squareness, {WITHOUT_BUDGET}", "", "unit", *columns)
+    table = new_table(f"Squareness, {OF_READINGS}", "", "unit", *columns)
     for name in SQUARENESS:
         reference, other = AXES_OF[name]
         for number, (unit, scale) in enumerate((("µm/m", IN_MICRO), ("arcsec", ARC_SECONDS))):
@@ -107,7 +107,7 @@ def figure_table(report: Report, prefix: str, title: str, only_known: bool = Fal
     columns = [short_title(result.method) for result in results]
     if report.truth is not None:
         columns.append("Truth")
-    table = new_table(f"{title}, {WITHOUT_BUDGET}", "", "unit", *columns)
+    table = new_table(f"{title}, {OF_READINGS}", "", "unit", *columns)
     for name in names:
         cells = []
         unit = "µm"
@@ -196,7 +196,7 @@ def curve_tables(result: VolumetricErrors, rotations: bool = False) -> list[Tabl
             continue
         what, unit = ("Rotations", "µrad") if rotations else ("Errors", "µm")
         table = new_table(
-            f"{what} as {letter} moves, {method_title(result.method)}",
+            f"{what} as {letter} moves, {method_title(result.method)}, {OF_READINGS}",
             f"{letter} / mm",
             *(f"{name} / {unit}" for name in names),
         )
@@ -500,5 +500,8 @@ def _determined(report: Report, lead: RunLead) -> list[str]:
     said = [f"Determined, by {by}: {', '.join(names)}."] if names else []
     if report.truth is not None:
         inside = _inside(compare_with_truth(preferred, report.truth))
-        said.append(f"Values whose ± contains the simulated true error: {inside} (expected: 95 %).")
+        said.append(
+            f"Values whose {OF_READINGS} contains the simulated true error: {inside} (expected:"
+            " 95 %)."
+        )
     return said

@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.standards.volumetric import (
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.text.console import PlainConsole
-from stepdiag_ros.text.numbers import UNKNOWN, WITHOUT_BUDGET, plain, plus_minus
+from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.volumetric import DEFINITION
 
@@ -29,7 +29,7 @@ def _vector(values: Sequence[float], scale: float, decimals: int) -> str:
 def accuracy_table(report: VolumetricReport) -> Table:
     """Return the volumetric accuracy by every method."""
     table = new_table(
-        f"Volumetric accuracy, {WITHOUT_BUDGET}",
+        f"Volumetric accuracy, {OF_READINGS}",
         "",
         "value ± U / µm",
         "at X, Y, Z / mm",

@@ -35,7 +35,8 @@ def largest(found: Extremes) -> str:
     value, expanded = with_uncertainty(
         accuracy.value * IN_MICRO, COVERAGE_FACTOR * spread * IN_MICRO
     )
-    uncertainty = f"U {UNKNOWN}" if not isfinite(spread) else f"U {bound}{expanded} µm, 95 %"
+    known = f"U {bound}{expanded} µm of the readings, 95 %"
+    uncertainty = known if isfinite(spread) else f"U {UNKNOWN}"
     place = ", ".join(
         f"{axis}{_TIED}{plain(where * 1e3, 1)}"
         for axis, where in zip("XYZ", accuracy.position, strict=True)

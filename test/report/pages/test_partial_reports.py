@@ -5,7 +5,9 @@ import json
 import pickle
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import replace
 from io import BytesIO
+from math import isnan
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -219,6 +221,24 @@ def test_what_is_signed_has_the_reservation_of_the_first_page(verdict, lower_bou
     assert judged.reservation in signed and ("instrument" in signed) == reserved
 
 
+@pytest.mark.parametrize("verdict", [KEEPS, EXCEEDS, OPEN, NOT_ASKED])
+def test_a_decision_that_no_reading_tested_says_on_what_it_rests(verdict):
+    tolerance = float("nan") if verdict == NOT_ASKED else 50e-6
+    tested = ToleranceJudgement(verdict, 10e-6, 1e-6, False, tolerance, False, False)
+    untested = replace(tested, tested=False)
+    nothing_stated = SimpleNamespace(given=SimpleNamespace(instrument_source=""))
+    decided = verdict in (KEEPS, EXCEEDS)
+    assert not tested.reservation and not tested.basis
+    assert bool(untested.reservation) == untested.decided == decided
+    assert "no reading" in untested.basis
+    signed = _decision(nothing_stated, untested)
+    assert (untested.basis in signed) == decided and ("instrument" in signed) is False
+    assert _decision(nothing_stated, tested) == DECISIONS[verdict]
+    unknown = replace(untested, value=float("nan"), verdict=OPEN)
+    assert not unknown.basis and not unknown.reservation
+    assert isnan(tested.guard_band) if verdict == NOT_ASKED else tested.guard_band == 1e-6
+
+
 @pytest.mark.parametrize("tolerance", [50e-6, 1e-6])
 @pytest.mark.parametrize("acts", [NAMED, AMBIGUOUS, UNEXPLAINED, CONSISTENT, NOT_TESTABLE])
 def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, tolerance):
@@ -233,6 +253,7 @@ def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, t
     alone = KEEPS if tolerance == 50e-6 else EXCEEDS
     assert judged.verdict == (alone if acts in (CONSISTENT, NOT_TESTABLE) else OPEN)
     assert judged.more_acts == (judged.verdict == OPEN)
+    assert judged.tested == (acts != NOT_TESTABLE)
 
 
 def test_noise_exceeds_no_limit():
@@ -397,6 +418,32 @@ def test_a_test_of_an_axis_at_uneven_targets_is_still_reported(tmp_path):
     # Nobody measured a box, nor states how the readings at a stop were taken.
     assert facts["Measured box"] == "X -400 to 0 mm, at Y 0, Z 0 mm"
     assert facts["A stop"].startswith("unknown")
+
+
+def test_a_test_of_an_axis_at_even_targets_leads_with_the_standard_too(tmp_path, capsys):
+    text = f"{HEAD}repeats: 5\ndirections: [forward, backward]\noverrun_m: 0.002\n"
+    bag = tmp_path / "axis.mcap"
+    write_bag(bag, f"{text}lines:\n  - {{kind: linear, names: [x]}}\n")
+    assert main(["report", str(bag), "--html", "--json"]) == 0
+    folder = tmp_path / "axis_report"
+    told = ReadPage((folder / "report.html").read_text(encoding="utf-8"))
+    document = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    (test,) = document["sections"]["axes"]["tests"]
+    facts, parameters = told.facts(), test["parameters"]
+    for name in ("A", "R", "E", "M", "B"):
+        shown = float(facts[name].split()[0])
+        assert shown == pytest.approx(parameters[name]["value"] * 1e6, abs=1e-3)
+    assert told.headings[0].startswith("ISO 230-2: X A = ")
+    said = document["summary"]["sentences"]
+    verdict = document["sections"]["discrepancy"]["verdict"]
+    places = [number for number, one in enumerate(said) if one.startswith(verdict)]
+    assert said[0].startswith("ISO 230-2, axis X") and places and places[0] > 0
+    assert not any("need evenly spaced targets" in one for one in said)
+    capsys.readouterr()
+    assert main(["solve", str(bag), "--json", "--pictures", "none"]) == 0
+    lead = json.loads(capsys.readouterr().out)["lead"]
+    assert lead["sentences"][0] == said[0]
+    assert lead["next"][0]["command"].startswith("stepdiag iso230")
 
 
 def test_a_positioning_error_has_no_smaller_u_than_iso_230_2_states_for_it(tmp_path):

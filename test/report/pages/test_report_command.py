@@ -42,7 +42,7 @@ from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.sections.measurement import _words_of
 from stepdiag_ros.report.pages.sections.readings import _few_stops
 from stepdiag_ros.report.publish import try_folder
-from stepdiag_ros.text.numbers import ARC_SECONDS, WITHOUT_BUDGET, plus_minus, with_expanded
+from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, plus_minus, with_expanded
 
 PLAN = """\
 name: small run
@@ -162,8 +162,24 @@ def test_the_page_has_every_section_in_order_and_everything_in_itself(page):
     assert page.links == [f"#{section.name}" for section in sections_without_archive()]
 
 
+def test_solve_states_the_uncertainty_of_the_report(bag, tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures.Studio, "fetch_all", lambda _: {})
+    assert main(["report", str(bag), "--json", "--output", str(tmp_path)]) == 0
+    summary = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["summary"]
+    assert main(["solve", str(bag), "--pictures", "none", "--output", str(tmp_path)]) == 0
+    lead = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))["lead"]
+    assert lead["largest_in_volume"] == summary["value"]
+    assert lead["expanded_uncertainty"] == summary["expanded_uncertainty"]
+    assert lead["expanded_uncertainty_of_readings"] < lead["expanded_uncertainty"]
+    assert lead["lower_bound"] is summary["lower_bound"] is True
+    in_report = {one["name"]: one["expanded_uncertainty"] for one in summary["single_errors"]}
+    assert lead["single_errors"]
+    for one in lead["single_errors"]:
+        assert one["expanded_uncertainty"] == in_report[one["name"]]
+
+
 def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, solved):
-    rows = page.tables[f"Squareness, {WITHOUT_BUDGET}"]
+    rows = page.tables[f"Squareness, {OF_READINGS}"]
     heads, first, second = rows[:3]
     for result in solved.results:
         short = {"setup_robust": "Setup-robust", "least_squares": "Least squares"}
@@ -176,7 +192,7 @@ def test_squareness_in_the_page_is_that_of_the_solvers_with_its_digits(page, sol
 
 
 def test_table_one_is_that_of_the_result(page, solved):
-    rows = page.tables[f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {WITHOUT_BUDGET}"]
+    rows = page.tables[f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {OF_READINGS}"]
     found = solved.preferred().figure("positioning E_XX")
     expected = plus_minus(found.value, found.standard_uncertainty, IN_MICRO)
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == expected
@@ -227,7 +243,7 @@ def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertain
         (one,) = [one for one in found if one.name == name]
         curve = solved.preferred().curves[name]
         assert one.value == np.ptp(curve)
-    rows = page.tables[f"Positioning error, peak to peak over the travel, {WITHOUT_BUDGET}"]
+    rows = page.tables[f"Positioning error, peak to peak over the travel, {OF_READINGS}"]
     of_readings = single_errors(solved.preferred())[0]
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == with_expanded(
         of_readings.value, of_readings.expanded_uncertainty, IN_MICRO
@@ -324,7 +340,7 @@ def test_what_the_user_told_is_text_never_markup(page, folder):
 
 
 def test_nodes_are_in_the_page_with_the_uncertainty_of_each(page, solved):
-    rows = page.tables["Errors as X moves, Least squares"]
+    rows = page.tables[f"Errors as X moves, Least squares, {OF_READINGS}"]
     result = solved.preferred()
     assert [row[0] for row in rows[1:]] == ["0.000", "30.000", "60.000", "90.000", "120.000"]
     last = plus_minus(result.curves["E_XX"][-1], result.standard_uncertainty["E_XX"][-1], IN_MICRO)
@@ -439,6 +455,15 @@ def test_the_summary_has_every_single_error_the_decision_and_who_signs(page, doc
     assert page.facts()["Decision"] == "the machine conforms"
     assert page.facts()["Largest error allowed"] == "50 µm"
     summary = document["summary"]
+    (decision,) = summary["decisions"]
+    assert decision["quantity"] == "largest_error_in_volume" and decision["decision"] == "keeps"
+    assert decision["value"] == summary["value"] and decision["limit"] == pytest.approx(50e-6)
+    assert decision["guard_band"] == decision["expanded_uncertainty"]
+    assert decision["expanded_uncertainty"] == summary["expanded_uncertainty"]
+    worst = document["sections"]["volume"]["worst"]["methods"][solved.preferred().method]
+    assert list(decision["position"].values()) == worst["position"]
+    assert decision["diagnosis"] == document["sections"]["discrepancy"]["verdict"]
+    assert decision["tested"] is True and decision["basis"] is None
     size = with_expanded(summary["value"], summary["expanded_uncertainty"], IN_MICRO)
     assert f"Largest error {size} µm (U: 95 %) at X " in page.text
     signed = [row for rows in page.tables.values() for row in rows if "date, signature" in row]
@@ -538,9 +563,9 @@ def test_one_format_alone(bag, tmp_path, wanted, capsys, monkeypatch):
 @needs_poppler
 def test_no_page_parts_a_table_from_its_title_or_from_its_first_rows(folder):
     titles = (
-        f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {WITHOUT_BUDGET}",
+        f"Table 1 (Ibaraki & Hata 2010), over the travel, in µm, {OF_READINGS}",
         "What is known of the inputs",
-        f"Volumetric accuracy, {WITHOUT_BUDGET}",
+        f"Volumetric accuracy, {OF_READINGS}",
         "Methods",
     )
     found = 0

@@ -170,6 +170,8 @@ def test_where_nothing_could_contradict_the_model_no_gap_is_shown(tmp_path):
     lines = [line for line in _measured() if line.line.name == "x" and line.line.repeat == 0][:1]
     told, document = _reported(tmp_path / "x.mcap", lines, [backlash.EFFECT])
     assert document["sections"]["discrepancy"]["verdict"] == "NOT TESTABLE"
+    (decision,) = document["summary"]["decisions"]
+    assert decision["tested"] is False and decision["position"] is decision["value"] is None
     assert "Where the gap is" not in told.headings
     assert not [name for name in told.tables if name.startswith("The gap")]
     assert "Squareness is unknown: the measured lines do not tell it." in told.text

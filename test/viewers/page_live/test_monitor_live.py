@@ -125,7 +125,11 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
     spread = worst.expanded_uncertainty / worst.coverage_factor
     shows("#worst-what", "Largest error so far")
     shows("#worst-text", f"{plus_minus(worst.worst_error, spread, 1e6)} µm")
-    shows("#worst-where", f"(U, 95 %) at X {worst.worst_place[0] * 1e3:.1f}, Y ", exactly=False)
+    shows(
+        "#worst-where",
+        f"(U of the readings so far, 95 %) at X {worst.worst_place[0] * 1e3:.1f}, Y ",
+        exactly=False,
+    )
 
     diagnosis = cell.last(topics.DIAGNOSIS, run_over=True)
     lines = f"{diagnosis.lines} of {diagnosis.lines_planned} lines"

@@ -163,7 +163,7 @@ def test_the_words_say_how_large_how_sure_and_where():
     assert exact.standard_uncertainty < found.uncertainty_limit
     sure = text_of(markers(result_of(curves, covariance=covariance), PLAN)).replace("\n", " ")
     assert "at most" not in sure
-    stated = float(re.search(r"U ([\d.]+) µm, 95 %", sure)[1]) * 1e-6 / 1.96
+    stated = float(re.search(r"U ([\d.]+) µm of the readings", sure)[1]) * 1e-6 / 1.96
     assert stated == pytest.approx(exact.standard_uncertainty, rel=0.05)
     assert (
         ", ".join(

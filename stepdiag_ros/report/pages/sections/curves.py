@@ -15,7 +15,7 @@ from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
 from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.run import curve_tables, fit_table, setup_table, translation_tables
-from stepdiag_ros.text.numbers import WITHOUT_BUDGET
+from stepdiag_ros.text.numbers import OF_READINGS
 from stepdiag_ros.text.table import with_rows
 from stepdiag_ros.words.positioning import uneven_reason
 
@@ -64,7 +64,7 @@ def _tell(material: Material) -> SectionContent | str:
         {
             "tables": with_rows(tables),
             "nodes": with_rows([*curve_tables(preferred), *curve_tables(preferred, True)]),
-            "nodes_title": f"All nodes, {method_title(preferred.method)}, {WITHOUT_BUDGET}",
+            "nodes_title": f"All nodes, {method_title(preferred.method)}, {OF_READINGS}",
             "setups": with_rows([setup_table(preferred)]),
             "frames": _frames(report, material.recorded.plan.tracker is not None),
             "remarks": _remarks(report),
