@@ -39,8 +39,10 @@ PLAUSIBLE_SCALE = 0.12e-6
 """Standard uncertainty of the laser's scale in all setups: sensors with u = 0.1 K and 25 Pa."""
 PLAUSIBLE_SHIFT = 0.12e-6
 """Of its scale from setup to setup: the air on the beam is within 0.13 K of the sensor's."""
-MODES = 8
+FEWEST_MODES = 8
 """Sine functions of each rotation: they hold 97 % of the variance of the path."""
+MOST_MODES = 24
+"""They hold 99.2 % of it. As many as there are blocks hold all of it at the nodes."""
 
 
 ROTATIONS_KEY = "rotations"
@@ -100,21 +102,31 @@ NOTHING = Plausible(0.0, 0.0, 0.0, misaligned=False)
 """Nothing acts but what the readings show: their noise alone makes a result uncertain."""
 
 
-def modes(share: Vector) -> Vector:
+def mode_count(blocks: int) -> int:
+    """Return how many sine functions stand for a rotation over some blocks.
+
+    Fewer than blocks leave a part of a rotation at the nodes out. Readings that are more certain
+    than that part take it for large rotations that they hardly show.
+    """
+    return min(max(blocks, FEWEST_MODES), MOST_MODES)
+
+
+def modes(share: Vector, count: int) -> Vector:
     """Return the sine functions of a rotation of size 1.
 
     Args:
         share: position over travel, shape (n,).
+        count: of the functions.
 
     Returns:
-        shape (n, ``MODES``).
+        shape (n, count).
     """
-    wave = (np.arange(MODES) + 0.5) * np.pi
+    wave = (np.arange(count) + 0.5) * np.pi
     values: Vector = np.sqrt(2.0) * np.sin(share[:, None] * wave) / wave
     return values
 
 
-def rotation_readings(share: Vector, direction: Vector, arms: Vector) -> Vector:
+def rotation_readings(share: Vector, direction: Vector, arms: Vector, count: int) -> Vector:
     """Return what each mode of each rotation, of size 1 rad, adds to readings, m.
 
     To first order it is (ε × n)·v with the arm v of the axis (``forward``).
@@ -123,14 +135,15 @@ def rotation_readings(share: Vector, direction: Vector, arms: Vector) -> Vector:
         share: position of X, Y, Z over the travel, shape (n, 3).
         direction: of the beam, shape (n, 3).
         arms: v of the axes X, Y, Z, m, shape (n, 3, 3).
+        count: of the modes of each.
 
     Returns:
-        shape (n, 9 · ``MODES``), rotations in the order of ``geometry.ROTATIONS``.
+        shape (n, 9 · count), rotations in the order of ``geometry.ROTATIONS``.
     """
-    readings = np.empty((len(share), 3, 3, MODES))
+    readings = np.empty((len(share), 3, 3, count))
     for axis in range(3):
         # An axis stands at the same few places again and again.
         places, at = np.unique(share[:, axis], return_inverse=True)
-        by_angle, shapes = cross(direction, arms[:, axis]), modes(places)[at]
+        by_angle, shapes = cross(direction, arms[:, axis]), modes(places, count)[at]
         np.multiply(by_angle[:, :, None], shapes[:, None, :], out=readings[:, axis])
     return readings.reshape(len(share), -1)

@@ -32,7 +32,7 @@ from stepdiag_ros.metrology.geometry import (
     places_of,
 )
 from stepdiag_ros.metrology.plan import Plan, Volume
-from stepdiag_ros.metrology.plausible import MODES, Plausible, modes
+from stepdiag_ros.metrology.plausible import Plausible, mode_count, modes
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.lengths import length_readings
 from stepdiag_ros.metrology.solvers.observations import observe
@@ -194,9 +194,9 @@ class Information:
         if source != ROTATING or not self._chain:
             return source
         left = []
-        for number in range(len(ROTATIONS)):
+        for places in np.split(np.arange(self.quantities.modes.shape[1]), len(ROTATIONS)):
             told = np.zeros(self.quantities.modes.shape[1])
-            told[number * MODES : (number + 1) * MODES] = _KNOWN**-2
+            told[places] = _KNOWN**-2
             left.append(self.standing(counts, told).parts[1, worst])
         return f"{source}, {ROTATIONS[int(np.argmin(left))]} most of all"
 
@@ -310,5 +310,7 @@ def _of_corners(volume: Volume, chain: str, plausible: Plausible) -> tuple[Vecto
         fixed = np.diagonal(errors.covariance_at(corners), axis1=1, axis2=2).reshape(-1)
         return moving[shown], np.zeros((0, 0)), fixed[shown]
     turns = rows[:, count:].reshape(len(rows), -1, size)
-    by_modes = (turns @ modes(np.linspace(0.0, 1.0, size))).reshape(len(rows), -1)
+    by_modes = (turns @ modes(np.linspace(0.0, 1.0, size), mode_count(volume.blocks))).reshape(
+        len(rows), -1
+    )
     return moving[shown], by_modes[shown], np.zeros(int(np.count_nonzero(shown)))

@@ -136,7 +136,7 @@ def test_the_largest_error_is_printed_as_the_solver_published_it(capsys):
     )
     measure._show(measured, as_json=False)
     said = capsys.readouterr().out
-    assert "8.9 ± 1.2 µm at X 100.0, Y 200.0, Z -50.0 mm" in said and "C0Y" in said
+    assert "8.9 ± 1.2 µm" in said and "X 100.0, Y 200.0, Z -50.0 mm" in said and "C0Y" in said
     assert "nan" not in said
     measure._show(measured, as_json=True)
     lead = json.loads(capsys.readouterr().out)["lead"]

@@ -9,7 +9,7 @@ from refused import refused
 
 from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
 from stepdiag_ros.metrology.geometry import ROTATIONS, TRANSLATIONS
-from stepdiag_ros.metrology.plausible import MODES, modes
+from stepdiag_ros.metrology.plausible import FEWEST_MODES, modes
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
@@ -340,7 +340,9 @@ def _rms_error_at_the_worst_place(plan, chain, size, found, draws):
     place, squares = np.array([found.position]), []
     for _ in range(draws):
         drawn = (
-            modes(np.linspace(0.0, 1.0, 7)) @ rng.standard_normal((MODES, len(ROTATIONS))) * size
+            modes(np.linspace(0.0, 1.0, 7), FEWEST_MODES)
+            @ rng.standard_normal((FEWEST_MODES, len(ROTATIONS)))
+            * size
         )
         errors = ErrorCurves.from_curves(nodes, dict(zip(ROTATIONS, drawn.T, strict=True)))
         solved = solve(by_noise_alone(simulate(plan, replace(cell, errors=errors), seed=1)), METHOD)

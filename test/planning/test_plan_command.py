@@ -171,7 +171,7 @@ def test_all_that_is_wrong_in_a_plan_and_beside_it_is_said_at_once(folder, capsy
         (["--for", "quick", "--machine", "demo", "--chain", "XYZ"], "--chain goes with --travel"),
         (["--for", "angular", "--travel", "1", "1", "1"], "need the kinematic chain"),
         (["--for", "quick", "--machine", "demo", "--time", "6min"], "takes less than 6 min"),
-        (["--for", "volumetric", "--machine", "demo", "--until", "1um"], "E_AY"),
+        (["--for", "volumetric", "--machine", "demo", "--until", "1um"], "E_CY"),
         (["--for", "volumetric", "--machine", "demo", "--until", "E_QQ=1um"], "E_QQ"),
         (["--for", "volumetric", "--machine", "demo", "--until", "X:A=1um"], "A of X"),
         (["--for", "volumetric", "--machine", "demo", "--until", "E_AX=1urad"], "--for angular"),

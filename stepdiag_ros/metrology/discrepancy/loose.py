@@ -23,7 +23,7 @@ from stepdiag_ros.metrology.discrepancy.patterns import TURNED, patterns
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
-from stepdiag_ros.metrology.plausible import ORDINARY, rotation_readings
+from stepdiag_ros.metrology.plausible import ORDINARY, mode_count, rotation_readings
 
 LARGEST_WANDER = 0.3e-6
 """m: a zero that scatters by more from pass to pass is not ordinary scatter but an effect."""
@@ -73,7 +73,10 @@ def rotation_columns(stops: Stops) -> Vector:
     Raises:
         ValueError: the chain is not known.
     """
-    return rotation_readings(stops.share, stops.direction, np.stack(stops.arms, axis=1))
+    arms = np.stack(stops.arms, axis=1)
+    places = (np.unique(np.round(stops.share[:, axis], 9)) for axis in range(3))
+    blocks = max(len(one) for one in places) - 1
+    return rotation_readings(stops.share, stops.direction, arms, mode_count(blocks))
 
 
 def _free(stops: Stops, candidates: Sequence[Candidate]) -> Vector:

@@ -21,7 +21,7 @@ import numpy as np
 from stepdiag_ros.metrology.forward import levers
 from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.plausible import MODES, modes, rotation_readings
+from stepdiag_ros.metrology.plausible import mode_count, modes, rotation_readings
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.direct_rows import told_rotations
 from stepdiag_ros.metrology.solvers.fit import Fit
@@ -121,19 +121,20 @@ def mode_readings(observations: Observations, chain: str, without: Sequence[str]
     direction = np.array([setup.direction for setup in observations.setups])[observations.setup]
     position, reach = observations.position, observations.reach
     parts = []
+    count = mode_count(volume.blocks)
     chains = (chain,) if chain else CHAINS
     for one in chains:
         arms = np.stack([reach - lever for lever in levers(position, one)], axis=1)
-        of_all = rotation_readings(position / travel, direction, arms)
-        parts.append(of_all.take(_places(without), axis=1))
+        of_all = rotation_readings(position / travel, direction, arms, count)
+        parts.append(of_all.take(_places(without, count), axis=1))
     readings: Vector = np.column_stack(parts) / np.sqrt(len(chains))
     return readings
 
 
-def _places(without: Sequence[str]) -> Integers:
-    """Return the modes of the rotations that are not left out."""
+def _places(without: Sequence[str], count: int) -> Integers:
+    """Return the modes of the rotations that are not left out, of so many each."""
     kept = np.array([name not in without for name in ROTATIONS])
-    return np.flatnonzero(np.repeat(kept, MODES))
+    return np.flatnonzero(np.repeat(kept, count))
 
 
 @dataclass(frozen=True)
@@ -224,7 +225,8 @@ def turned(measurement: Measurement, observations: Observations) -> Turned:
     matrix = design.matrix
     rotations, change = plausible_rotations(design, matrix, fit, by_reading, plausible.rotation)
     names = [name for name in ROTATIONS if measurement.chain and name not in design.names]
-    shape = modes(np.linspace(0.0, 1.0, observations.volume.blocks + 1))
+    blocks = observations.volume.blocks
+    shape = modes(np.linspace(0.0, 1.0, blocks + 1), mode_count(blocks))
     return Turned(
         design=design,
         fit=fit,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, Vector, moving_axis
-from stepdiag_ros.metrology.plausible import MODES, modes
+from stepdiag_ros.metrology.plausible import modes
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.uncertainty.budget import (
@@ -118,8 +118,9 @@ def _turned(source: Source, axis: str, error_map: VolumetricMap) -> Vector:
         nodes = error_map.nodes[moving_axis(name)]
         part = np.zeros((len(nodes), source.slopes.shape[0]))
         if name[3] == axis and name in error_map.left_out:
-            first = "ABC".index(name[2]) * MODES
+            count = source.slopes.shape[0] // 3
+            first = "ABC".index(name[2]) * count
             share = (nodes - nodes[0]) / (nodes[-1] - nodes[0])
-            part[:, first : first + MODES] = source.standard_uncertainty * modes(share)
+            part[:, first : first + count] = source.standard_uncertainty * modes(share, count)
         parts.append(part)
     return np.concatenate(parts)

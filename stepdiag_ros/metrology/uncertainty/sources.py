@@ -8,7 +8,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.forward import perpendiculars
 from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, ROTATIONS, Vector, line_signs
-from stepdiag_ros.metrology.plausible import MODES, modes
+from stepdiag_ros.metrology.plausible import mode_count, modes
 from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
 from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
 from stepdiag_ros.metrology.solvers.rotations import mode_readings
@@ -226,17 +226,18 @@ def _angular(readings: Readings, instrument: Instrument, names: tuple[str, ...])
         spread = Spread(measurement.plausible.rotation)
         size = f"{spread.standard_uncertainty * 1e6:.3g} µrad"
         note = f"not in the instrument file: {size}, the plausible size of the machine"
-    slopes = np.full((3, 3 * MODES, len(seen.displacement)), _UNKNOWN)
+    count = mode_count(seen.volume.blocks)
+    slopes = np.full((3, 3 * count, len(seen.displacement)), _UNKNOWN)
     truly: dict[str, Vector] = {}
     if measurement.chain:
         travel = np.asarray(seen.volume.step) * seen.volume.blocks
         by_mode = mode_readings(seen, measurement.chain).T
         in_model = [name in names for name in ROTATIONS]
-        by_mode.reshape(len(ROTATIONS), MODES, -1)[in_model] = 0.0
+        by_mode.reshape(len(ROTATIONS), count, -1)[in_model] = 0.0
         slopes = by_mode.reshape(slopes.shape)
-        truly = _of_diagonals(travel, measurement.chain)
+        truly = _of_diagonals(travel, measurement.chain, count)
         for effect in truly.values():
-            effect.reshape(len(ROTATIONS), MODES)[in_model] = 0.0
+            effect.reshape(len(ROTATIONS), count)[in_model] = 0.0
     else:
         note = "the order of the machine's axes is not known"
     return [
@@ -258,18 +259,18 @@ def _angular(readings: Readings, instrument: Instrument, names: tuple[str, ...])
     ]
 
 
-def _of_diagonals(travel: Vector, chain: str) -> dict[str, Vector]:
+def _of_diagonals(travel: Vector, chain: str, count: int) -> dict[str, Vector]:
     """Return what each mode of each rotation does to the lengths of body diagonals, m/rad.
 
     Returns:
-        name of the figure → rotations and their modes for X, Y, Z, shape (3, 3 · ``MODES``).
+        name of the figure → rotations and their modes for X, Y, Z, shape (3, 3 · count).
     """
     signs = np.array([line_signs(line) for line in BODY_DIAGONALS])
     ends = [(travel * (sense < 0), travel * (sense > 0)) for sense in signs]
-    at_the_end = modes(np.ones(1))[0]
+    at_the_end = modes(np.ones(1), count)[0]
     lengths = rotation_effects(ends, chain)[:, :, None] * at_the_end
     return {
-        f"diagonal {line}": lengths[row].reshape(3, 3 * MODES)
+        f"diagonal {line}": lengths[row].reshape(3, 3 * count)
         for row, line in enumerate(BODY_DIAGONALS)
     }
 
