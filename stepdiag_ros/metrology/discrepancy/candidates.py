@@ -23,6 +23,8 @@ from stepdiag_ros.metrology.registry import raised
 
 HIDDEN = 1e-3
 """Share of a column beyond the baseline below which nothing but rounding is left of it."""
+_ROUNDING = 1e-14
+"""m: a change of readings below this is that of a sine at whole turns."""
 _NEW = 1e-2
 """Share of a further size's column beyond the first sizes' below which it adds nothing new."""
 _ALIKE = 0.995
@@ -123,7 +125,7 @@ def signatures(
                 if (effect.name, candidate.label) in taken:
                     continue
                 try:
-                    columns = effect.columns(setting, stops)[good]
+                    columns = _more_than_rounding(effect.columns(setting, stops)[good], effect)
                     blurred = "displacement" in effect.needs and _blurred(
                         columns, effect.columns(setting, again)[good]
                     )
@@ -149,6 +151,13 @@ def signatures(
             needs = f" ({', '.join(effect.needs)})" if effect.needs else ""
             hidden[effect.name] = f"this run lacks what would show it{needs}"
     return _left_by_baseline(candidates, changes, free, problem, hidden)
+
+
+def _more_than_rounding(columns: Vector, effect: Effect) -> Vector:
+    """Return the columns of sizes, zero where the largest plausible size changes no reading."""
+    largest = np.array([max(abs(size.low), abs(size.high)) for size in effect.sizes])
+    shown = np.max(np.abs(columns), axis=0, initial=0.0) * largest > _ROUNDING
+    return np.where(shown | ~np.isfinite(largest), columns, 0.0)
 
 
 @contextmanager
@@ -246,7 +255,8 @@ def _names(
         for index in (one for one in members if count[one] > 1):
             fewer = np.flatnonzero(count[simple] < count[index])
             products = others.raw_products(leading.raw(np.array([index])))[fewer, 0]
-            cosines = np.abs(products) / (lengths[simple[fewer]] * lengths[index])
+            both = lengths[simple[fewer]] * lengths[index]
+            cosines = np.abs(products) / np.where(both > 0.0, both, np.inf)
             same = np.flatnonzero(cosines > _SAME_BEGINNING)
             if len(same):
                 names[index] = names[simple[fewer[same[0]]]]
@@ -349,6 +359,29 @@ def alike(found: Signatures, index: int, others: Sequence[int]) -> list[int]:
         if own.shape[1] == np.count_nonzero(real[found.of(other)]) and cosines[-1] ** 2 >= _ALIKE:
             same.append(other)
     return same
+
+
+def aliases(found: Signatures, index: int) -> list[int]:
+    """Return which settings of one name, beyond neighbours, show just as a candidate does.
+
+    A time constant a little longer is the same effect less well located. A period that shows the
+    same at stops of this distance, although periods in between do not, is another one.
+    """
+    own = found.candidates[index]
+    numbers = [key for key, value in own.setting.items() if isinstance(value, float)]
+    if len(numbers) != 1:
+        return []
+    (key,) = numbers
+    family = [n for n, one in enumerate(found.candidates) if one.family == own.family]
+    family.sort(key=lambda n: float(found.candidates[n].setting[key]))
+    same = {index, *alike(found, index, [n for n in family if n != index])}
+    place = family.index(index)
+    first = last = place
+    while first > 0 and family[first - 1] in same:
+        first -= 1
+    while last + 1 < len(family) and family[last + 1] in same:
+        last += 1
+    return [n for at, n in enumerate(family) if n in same and not first <= at <= last]
 
 
 def _told(found: Signatures, index: int, real: NDArray[np.bool_]) -> NDArray[np.int64]:

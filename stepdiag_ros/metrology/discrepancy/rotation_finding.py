@@ -74,9 +74,10 @@ def explained_by(chosen: tuple[Finding, ...]) -> tuple[str, str]:
             f" No further measurement distinguishes {ends} from the others: all of them ended with"
             " their alignments. Align those lines again."
         )
-        return verdicts.AMBIGUOUS, (
-            f"The gap closes, but this run cannot tell by what: {words}.{over if ends else ''}"
-        )
+        named = " and ".join(_with_equivalents(one) for one in chosen if not one.ambiguous)
+        first = f"The model lacks {named}. The rest of the gap" if named else "The gap"
+        sentence = f"{first} closes, but this run cannot tell by what: {words}."
+        return verdicts.AMBIGUOUS, sentence + (over if ends else "")
     words = " and ".join(map(_with_equivalents, chosen))
     return verdicts.NAMED, f"The model lacks {words}; with that, model and run agree."
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag_ros.metrology.discrepancy.candidates import Signatures, alike
+from stepdiag_ros.metrology.discrepancy.candidates import Signatures, aliases, alike
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, coverage_factor
 from stepdiag_ros.metrology.discrepancy.findings import Candidate, Finding, RunnerUp
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker, Ranking
@@ -296,10 +296,10 @@ class Selection:
         return replace(finding, over=True, equivalent=finding.ambiguous if same else ())
 
     def _same(self, index: int) -> list[int]:
-        """Return the best settings of other names that show the same whatever the readings."""
+        """Return which others show the same whatever the readings: of other names, and aliases."""
         own = self._families[index]
         others = [int(i) for i in np.flatnonzero(self._families != own) if i not in self.chosen]
-        return alike(self._found, index, others)
+        return alike(self._found, index, others) + aliases(self._found, index)
 
     def _runners_up(
         self,
