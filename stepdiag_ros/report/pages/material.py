@@ -256,7 +256,7 @@ class Material:
 
     @property
     def expanded_of_readings(self) -> Expanded:
-        """Return that of the result itself, without the budget; NaN where not known."""
+        """Return that of the readings; NaN where not known."""
         return Expanded() if self._largest is None else self._largest.of_readings
 
     @property
