@@ -141,7 +141,7 @@ def _load(
 
 
 def _seems_to_be(text: str, folder: Folder) -> Folder | None:
-    """Return another kind of file that has the keys of a text; None where they tell nothing."""
+    """Return another kind of file that has the keys of a text; None if there is no such kind."""
     try:
         parsed = parse_yaml(text, "")
     except ValueError:
