@@ -121,7 +121,7 @@ def _with_model_named(report: "Report", arguments: Namespace) -> "Report":
 
     words = (
         f"{report.verdict.sentence} This verdict is without the model {model}, since the errors"
-        f" below are; with it: stepdiag diagnose {from_here(arguments.bag)} --model {model}."
+        f" below are; with it: 'stepdiag diagnose {from_here(arguments.bag)} --model {model}'."
     )
     return replace(report, verdict=replace(report.verdict, sentence=words))
 
