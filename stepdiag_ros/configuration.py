@@ -43,6 +43,15 @@ _SINGULAR = {
     "devices": "device file",
     "imports": "mapping file",
 }
+_OWN_KEYS: dict[Folder, set[str]] = {
+    "plans": {"step_m", "blocks", "lines"},
+    "cells": {"errors", "misalignment", "drive"},
+    "models": {"curves"},
+    "machines": {"travel_low_m", "feed_limit_m_per_s", "position_window_m"},
+    "instruments": {"laser", "setup"},
+    "trackers": {"held_by", "length_noise_m"},
+}
+"""Kind of file → keys that no other kind has."""
 
 
 def available(folder: Folder) -> list[str]:
@@ -117,7 +126,29 @@ def _load(
 ) -> tuple[Made, str]:
     path = find(name_or_path, folder)
     text = read_text(path)
-    return make(text, str(path)), text
+    try:
+        return make(text, str(path)), text
+    except Refusal as error:
+        other = _seems_to_be(text, folder)
+        if not other:
+            raise
+        raise Refusal(
+            f"{path} has the keys of the kind '{_SINGULAR[other]}'; a file of the kind"
+            f" '{_SINGULAR[folder]}' is needed",
+            fault="wrong_kind",
+            about=_SINGULAR[other],
+        ) from error
+
+
+def _seems_to_be(text: str, folder: Folder) -> Folder | None:
+    """Return another kind of file that has the keys of a text; None if there is no such kind."""
+    try:
+        parsed = parse_yaml(text, "")
+    except ValueError:
+        return None
+    if not isinstance(parsed, Mapping) or _OWN_KEYS.get(folder, set()) & {*parsed}:
+        return None
+    return next((kind for kind, keys in _OWN_KEYS.items() if keys & {*parsed}), None)
 
 
 def plan_from_text(text: str, source: str) -> Plan:

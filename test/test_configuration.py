@@ -13,6 +13,7 @@ from stepdiag_ros.configuration import (
     find,
     load_cell,
     load_machine,
+    load_model,
     load_plan,
     machine_from_text,
     parse_yaml,
@@ -159,7 +160,7 @@ def test_a_file_that_is_not_there(tmp_path):
     with refused(Refusal, "not_found", "nothing.yaml"):
         load_machine(tmp_path / "nothing.yaml")
     (tmp_path / "mine.yaml").write_text("")
-    with refused(Refusal, "not_found", f"mean {tmp_path / 'mine.yaml'}?"):
+    with refused(Refusal, "not_found", f"'{tmp_path / 'mine.yaml'}'?"):
         load_machine(tmp_path / "mine.yml")
     with refused(Refusal, "wrong_kind", aspect="folder"):
         load_cell(tmp_path)
@@ -219,3 +220,27 @@ def test_the_machine_file_of_the_page_is_complete():
     page = (Path(__file__).parents[1] / "docs" / "by_hand.md").read_text(encoding="utf-8")
     text = page.partition("```yaml\nname: my machine")[2].partition("```")[0]
     assert machine_from_text("name: my machine" + text, "page").chain == "YXZ"
+
+
+@pytest.mark.parametrize(
+    ("load", "given", "needed"),
+    [
+        (load_plan, "cells", "plan"),
+        (load_cell, "plans", "cell"),
+        (load_cell, "machines", "cell"),
+        (load_machine, "cells", "machine"),
+        (load_model, "cells", "model"),
+        (load_model, "plans", "model"),
+    ],
+)
+def test_a_file_of_another_kind_is_refused_by_its_kind(load, given, needed):
+    path = find("demo", given)
+    with refused(Refusal, "wrong_kind", str(path), f"'{needed}'", about=given.removesuffix("s")):
+        load(path)
+
+
+def test_the_kind_of_every_file_of_the_package_is_seen_by_its_keys():
+    for kind, load in (("plans", load_cell), ("cells", load_plan), ("models", load_plan)):
+        for name in available(kind):
+            with refused(Refusal, "wrong_kind", about=kind.removesuffix("s")):
+                load(find(name, kind))

@@ -142,8 +142,10 @@ def _files(folder: Path) -> list[Path]:
         # What was not closed has no metadata.yaml; the names tell the order.
         found = [file for file in folder.iterdir() if file.name.endswith(SUFFIXES)]
         if not found:
+            below = {one.parent for suffix in SUFFIXES for one in folder.glob(f"*/*{suffix}")}
+            hint = f"; give the bag in it, {below.pop()}" if len(below) == 1 else ""
             raise BagError(
-                f"{folder} is not a bag: there is neither {METADATA_FILE} nor an MCAP file",
+                f"{folder} is not a bag: there is neither {METADATA_FILE} nor an MCAP file{hint}",
                 fault="wrong_kind",
             )
         stems = {re.sub(r"(_\d+)?\.mcap(\.zstd)?$", "", file.name) for file in found}

@@ -165,8 +165,14 @@ def read_text(path: Path) -> str:
     """Return the text of a table, with or without a byte order mark.
 
     Raises:
-        TableError: not there or no text.
+        TableError: not there or no text, or a YAML file by its name.
     """
+    if path.suffix.lower() in (".yaml", ".yml"):
+        raise TableError(
+            f"{path} is a YAML file, not a measurement: give a bag (.mcap) or a run table (.csv)",
+            fault="wrong_kind",
+            aspect="YAML",
+        )
     try:
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:

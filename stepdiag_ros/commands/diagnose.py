@@ -119,7 +119,7 @@ def _days(text: str) -> float:
 def run(arguments: Namespace) -> int:
     """Diagnose; see the module."""
     from stepdiag_ros.report.documents.diagnosis import diagnosis_json
-    from stepdiag_ros.report.publish import write_results
+    from stepdiag_ros.report.publish import DIAGNOSIS_PICTURES, write_results
     from stepdiag_ros.report.tables.diagnosis import print_diagnosis
     from stepdiag_ros.text.console import make_console
 
@@ -158,7 +158,9 @@ def run(arguments: Namespace) -> int:
             shown = {name: png_bytes(figure) for name, figure in figures.items()}
             contents["diagnosis.html"] = diagnosis_page(report, shown)
             pictures = shown if formats == ("png",) else figures
-        files = write_results(folder, contents, lambda: pictures, formats, progress)
+        files = write_results(
+            folder, contents, lambda: pictures, formats, progress, DIAGNOSIS_PICTURES
+        )
     if arguments.json:
         print(document)
     else:
@@ -428,10 +430,12 @@ def _written(report: "DiagnosisReport", path: Path) -> "DiagnosisReport":
 
     if report.extended is None:
         return report
-    text = yaml.safe_dump(report.extended.to_mapping(), sort_keys=False, allow_unicode=True)
+    # A model without a name gets that of its file.
+    extended = replace(report.extended, name=report.extended.name or path.stem)
+    text = yaml.safe_dump(extended.to_mapping(), sort_keys=False, allow_unicode=True)
     with whole_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
-    return replace(report, extended_path=path)
+    return replace(report, extended=extended, extended_path=path)
 
 
 COMMAND = Command(

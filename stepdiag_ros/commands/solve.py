@@ -1,6 +1,7 @@
 """``stepdiag solve``: from a bag to volumetric errors, without any node."""
 
 from argparse import ArgumentParser, Namespace
+from dataclasses import replace
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,9 @@ from stepdiag_ros.commands.output import (
     show_report,
     warn,
 )
+
+FREE = "free"
+"""Model of ``stepdiag run`` that is no more than what is solved: all error curves free."""
 
 if TYPE_CHECKING:
     from stepdiag_ros.evaluation.report import Report
@@ -100,8 +104,26 @@ def run(arguments: Namespace) -> int:
         from stepdiag_ros.commands.tracker_evaluate import show_run
 
         return show_run(recorded, arguments, folder)
+    report = _with_model_named(report, arguments)
     details = arguments.details or arguments.visibility
     return show_report(report, arguments, folder, details)
+
+
+def _with_model_named(report: "Report", arguments: Namespace) -> "Report":
+    """Say that the verdict on solved errors is without the model that a run was compared with.
+
+    What is solved contains nothing but error curves (``evaluation.diagnosing.verdict_on``).
+    """
+    model = getattr(arguments, "model", FREE)
+    if model == FREE or report.verdict is None:
+        return report
+    from stepdiag_ros.words.lead import from_here
+
+    words = (
+        f"{report.verdict.sentence} This verdict is without the model {model}, since the errors"
+        f" below are; with it: 'stepdiag diagnose {from_here(arguments.bag)} --model {model}'."
+    )
+    return replace(report, verdict=replace(report.verdict, sentence=words))
 
 
 def prepare() -> None:

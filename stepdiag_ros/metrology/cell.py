@@ -433,8 +433,24 @@ def _effects(section: Section, mapping: Mapping[str, Any]) -> tuple[ActiveEffect
                 " to E_CZ, or rotation_rad)",
                 fault="unsupported",
             )
+        _require_plausible(active, part.source)
         made.append(active)
     return tuple(made)
+
+
+def _require_plausible(active: ActiveEffect, source: str) -> None:
+    """Refuse a size that no machine has: a run with it may not even be measurable."""
+    for size in active.effect.sizes:
+        value = active.sizes[size.name]
+        if not size.low <= value <= size.high:
+            unit = "" if size.unit == "1" else f" {size.unit}"
+            raise Refusal(
+                f"{source}: '{size.name}' of '{active.effect.name}' is {value:g}{unit}; its"
+                f" plausible sizes are {size.low:g} to {size.high:g}{unit}",
+                fault="out_of_range",
+                about=size.name,
+                where=source,
+            )
 
 
 def _errors(section: Section, source: str, seed: int) -> ErrorCurves:

@@ -1,8 +1,8 @@
 """A package of its own for an effect: module, test and pyproject.toml, for its author to edit.
 
 The layout is that of ``docs/effects.md``. The module holds the formula that a model has learned, or
-an example; the test computes the formula once more by hand. What happens in the machine is left
-empty: the catalogue refuses the effect until its author states it.
+the example of that page; the test computes the formula once more by hand. What happens in the
+machine is left empty: the catalogue refuses the effect until its author states it.
 """
 
 import re
@@ -13,8 +13,6 @@ from importlib.util import find_spec
 from keyword import iskeyword
 
 from stepdiag_ros.metrology.effects.domain import PLACES, Domain, Range
-from stepdiag_ros.metrology.effects.effect import ActiveEffect
-from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
 from stepdiag_ros.metrology.effects.learned_shape import (
     READING,
     SPOT,
@@ -27,11 +25,8 @@ from stepdiag_ros.metrology.expansion import REFERENCE_TEMPERATURE
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.model import MachineModel, ModelEffect
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.report.effect_example import example_of
 
-_EXAMPLE = ModelEffect(
-    ActiveEffect(LEARNED, {"acts_on": "Z", "shape": "sin t/300s"}, {"amplitude": 1e-6}), {}
-)
-"""A swing with the period of a cooling unit, which no effect of the catalogue is."""
 _BOX = (0.0, 0.1)
 """Of a test where no domain is known, m."""
 _NAME = "[a-z][a-z0-9]*(?:[ _-][a-z0-9]+)*"
@@ -50,7 +45,7 @@ class {kind}(Effect):
 
     name = "{name}"
     sentence = ""  # to be stated: what happens in the machine, for an engineer
-    source = "{source}"{unsourced}
+    source = "{source}"
     sizes = (Size("amplitude", "m", -100e-6, 100e-6, "where the first shape is 1"),){needs}
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
@@ -66,37 +61,65 @@ class {kind}(Effect):
 
 EFFECT = {kind}()
 '''
-_TEST = '''"""{title}: the formula once more by hand, and a run that cannot show the effect."""
+_TEST = '''"""{title}: by hand, on a run that cannot show it, and hidden and named."""
+
+from dataclasses import replace
 
 import numpy as np
-from {module} import EFFECT
 
-from stepdiag_ros.configuration import load_cell
-{since}from stepdiag_ros.metrology.effects.stops import stops_of
+from {module} import EFFECT  # isort: skip
+
+from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.discrepancy import NAMED, diagnose
+from stepdiag_ros.metrology.effects import catalogue
+{since}from stepdiag_ros.metrology.effects.effect import ActiveEffect
+from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.plan import Plan
-from stepdiag_ros.metrology.simulation import planned_run
+from stepdiag_ros.metrology.simulation import planned_run, simulate
 
 LOW = np.array({low})  # m, first corner of the box over which the shapes count
 HIGH = np.array({high})
-DIAGONALS = {{"kind": "step_diagonal", "names": ["ppp", "npp"], "orders": ["XYZ"]}}
+ERRORS = {{
+    "travel_low_m": LOW.tolist(),
+    "travel_high_m": HIGH.tolist(),
+    "positioning_m": 2e-6,
+    "straightness_m": 1e-6,
+}}
+MACHINE = {{
+    "seed": 5,
+    "chain": "YXZ",
+    "reading_noise_m": 1e-7,
+    "errors": ERRORS,
+    "weather": {{"air_temperature_wave_K": 1.0, "material_temperature_wave_K": 1.0}},
+}}
+CELL = SimulatedCell.from_mapping(MACHINE, "cell")
+LINEAR = {{"kind": "linear", "names": ["x", "y", "z"]}}
+DIAGONALS = {{"kind": "step_diagonal", "names": ["ppp", "npp", "pnp", "ppn"], "orders": ["XYZ"]}}
 SIZE = {size}  # m
 
 
-def run(line=DIAGONALS):
-    """Return the stops of a small run over the box."""
+def plan_of(*lines):
+    """Return a plan over the box; that of both kinds of lines determines all error curves."""
     plan = {{
         "origin_m": LOW.tolist(),
         "step_m": ((HIGH - LOW) / 4).tolist(),
         "blocks": 4,
+        "repeats": 2,
         "directions": ["forward", "backward"],
         "feed_m_per_s": 0.05,
-        "lines": [line],
+        "lines": list(lines),
     }}
-    return stops_of(planned_run(Plan.from_mapping(plan, "plan"), load_cell("demo")[0]))
+    return Plan.from_mapping(plan, "plan")
+
+
+def run(*lines):
+    """Return the stops of a run of these lines."""
+    return stops_of(planned_run(plan_of(*lines), CELL))
 
 
 def test_the_change_is_the_formula():
-    stops = run()
+    """Compute the change once more by hand."""
+    stops = run(DIAGONALS)
 {places}    moved, reading = np.zeros((len(stops.time), 3)), np.zeros(len(stops.time))
 {byhand}    expected = SIZE * (np.sum(stops.direction * moved, axis=1) + reading)
     assert np.ptp(expected) > 0.0
@@ -105,8 +128,23 @@ def test_the_change_is_the_formula():
 
 
 def test_it_is_tried_where_a_run_can_show_it():
-    assert list(EFFECT.settings(run())) == [{{}}]
-{blind}'''
+    """Try it on a run that can show it alone."""
+    assert list(EFFECT.settings(run(DIAGONALS))) == [{{}}]
+{blind}
+
+def test_it_is_named_where_it_is_hidden():
+    """Hide the effect in a simulated machine; the diagnosis names it, with its size."""
+    hidden = replace(CELL, effects=(ActiveEffect(EFFECT, {{}}, {{"amplitude": SIZE}}),))
+    tried = {{**catalogue(), EFFECT.name: EFFECT}}
+    measured = simulate(plan_of(LINEAR, DIAGONALS), hidden, seed=1)
+    found = diagnose(measured, catalogue=tried.values())
+    assert found.verdict == NAMED, (found.sentence, found.not_testable.get(EFFECT.label({{}})))
+    (finding,) = found.findings
+    assert finding.candidate.effect is EFFECT
+    uncertainty = finding.standard_uncertainty["amplitude"]
+    assert abs(finding.sizes["amplitude"] - SIZE) < 3.0 * uncertainty
+    assert uncertainty < abs(SIZE) / 5.0
+'''
 _RECORD = """[build-system]
 requires = ["setuptools>=68"]
 build-backend = "setuptools.build_meta"
@@ -161,31 +199,13 @@ def package_of(
     Args:
         name: of the effect, in small letters.
         known: names of the effects that are there.
-        model: whose learned shapes are the formula; None: an example is.
+        model: whose learned shapes are the formula; None: the example of ``docs/effects.md``.
         source: the model in words.
 
     Raises:
         ValueError: the name cannot be one or is taken, or the model holds no learned shape.
     """
     module = checked_name(name, known)
-    effects = [_EXAMPLE]
-    if model is not None:
-        effects = [one for one in model.effects if one.active.effect.learned]
-        if not effects:
-            raise Refusal(
-                f"{source} holds no learned shape: 'stepdiag diagnose --extend' writes one for what"
-                " it has DESCRIBED",
-                fault="missing",
-            )
-    for one in effects:
-        if not isinstance(one.active.effect, LearnedShape):
-            raise Refusal(
-                f"'{one.label}' turns an axis: write such an effect by hand, as docs/effects.md"
-                " shows",
-                fault="unsupported",
-            )
-    terms = _terms(effects)
-    domain = _domain(effects)
     words = " ".join(re.split("[ _-]", name))
     given = {
         "name": words,
@@ -193,13 +213,34 @@ def package_of(
         "module": module,
         "kind": "".join(part.capitalize() for part in module.split("_")),
         "distribution": module.replace("_", "-"),
-        "size": repr(effects[0].active.sizes["amplitude"]),
     }
+    text, test = example_of(given) if model is None else _learned(model, source, given)
     return {
-        f"{module}.py": _module(terms, domain, given, _source(effects, model)),
-        f"test_{module}.py": _test(terms, domain, given),
+        f"{module}.py": text,
+        f"test_{module}.py": test,
         "pyproject.toml": _RECORD.format(**given),
     }
+
+
+def _learned(model: MachineModel, source: str, given: Mapping[str, str]) -> tuple[str, str]:
+    """Return module and test of the learned shapes of a model."""
+    effects = [one for one in model.effects if one.active.effect.learned]
+    if not effects:
+        raise Refusal(
+            f"{source} holds no learned shape: 'stepdiag diagnose --extend' writes one for what"
+            " it has DESCRIBED",
+            fault="missing",
+        )
+    for one in effects:
+        if not isinstance(one.active.effect, LearnedShape):
+            raise Refusal(
+                f"'{one.label}' turns an axis: write such an effect by hand, as docs/effects.md"
+                " shows",
+                fault="unsupported",
+            )
+    terms, domain = _terms(effects), _domain(effects)
+    given = {**given, "size": repr(effects[0].active.sizes["amplitude"])}
+    return _module(terms, domain, given, _source(effects)), _test(terms, domain, given)
 
 
 def checked_name(name: str, known: Collection[str]) -> str:
@@ -265,9 +306,7 @@ def _domain(effects: Sequence[ModelEffect]) -> Domain:
     return Domain(tuple(ranges.values()))
 
 
-def _source(effects: Sequence[ModelEffect], model: MachineModel | None) -> str:
-    if model is None:
-        return ""
+def _source(effects: Sequence[ModelEffect]) -> str:
     bag = effects[0].provenance.bag or "a run that the model does not name"
     return f"learned from {re.sub(r'[^A-Za-z0-9 .+_-]', '_', bag)}"
 
@@ -304,14 +343,11 @@ def _module(terms: Sequence[_Term], domain: Domain, given: Mapping[str, str], so
         f"{package}.stops import Stops",
     ]
     made = [*(["stops = BOX.counted(stops)"] if box else []), *_change(terms)]
-    if not source:
-        made.insert(0, "# example, to be replaced by the physics of your effect")
     if box:
         box = f"\nBOX = Domain(  # m: the shapes count over it\n    (\n{box}    )\n)\n"
     return _MODULE.format(
         **given,
         source=source,
-        unsourced="" if source else "  # to be stated: the document that describes the effect",
         imports="\n".join(imports),
         box=box,
         needs=f"\n    needs = ({', '.join(temperatures)},)" if temperatures else "",

@@ -2,7 +2,7 @@
 
 import io
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -22,6 +22,31 @@ if TYPE_CHECKING:
 
 _ELSEWHERE = "name another one with --output FOLDER"
 PICTURE_FORMATS = ("png", "svg", "pdf")
+_ENDINGS = (*PICTURE_FORMATS, "html")
+# The names stand here, not beside what draws them: matplotlib is slow to import.
+RUN_PICTURES = (
+    *("worst_error", "error_curves", "error_curves_by_method", "error_curves_with_conventional"),
+    *("rotations", "squareness", "repeatability"),
+)
+"""Names of all pictures of ``plots.files.run``."""
+EXPERIMENT_PICTURES = (
+    *("figure_7_motion_of_x", "figure_8_motion_of_y", "figure_9_motion_of_z", "figure_10_angles"),
+    *("line_errors", "direct_comparison"),
+)
+"""Names of all pictures of ``plots.files.experiment``."""
+DIAGNOSIS_PICTURES = (
+    *(
+        "diagnosis",
+        "gap_map",
+        "gap_where",
+        "dependences",
+        "candidates",
+        "gap_traces",
+        "held_out",
+        "curves",
+    ),
+)
+"""Names of the page of a diagnosis and of all pictures of ``plots.files.diagnosis``."""
 
 
 def make_folder(folder: Path) -> Path:
@@ -120,7 +145,8 @@ def publish(
         more = {} if experiment is None else draw_experiment(experiment)
         return draw_all(report, definition, all_methods) | more
 
-    return write_results(folder, contents, draw, picture_formats, progress)
+    names = (*RUN_PICTURES, *EXPERIMENT_PICTURES)
+    return write_results(folder, contents, draw, picture_formats, progress, names)
 
 
 def write_results(
@@ -129,6 +155,7 @@ def write_results(
     draw: "Callable[[], Mapping[str, Picture | bytes]]",
     picture_formats: tuple[str, ...] = ("png",),
     progress: Callable[[float, str], None] | None = None,
+    names: Collection[str] = (),
 ) -> list[Path]:
     """Write texts and pictures into a results folder, in place of earlier ones.
 
@@ -139,6 +166,9 @@ def write_results(
             finished in their format as bytes; only called if pictures are wanted.
         picture_formats: any of ``PICTURE_FORMATS``; none leaves the pictures out.
         progress: called before each file with the part that is done (0..1) and the file's name.
+        names: of all pictures and pages that such results may have, without ending. Where the
+            folder holds the first of ``contents`` already, those of them that are not written again
+            are deleted: they would belong to the earlier results.
 
     Returns:
         The files, in the order in which they were written.
@@ -165,6 +195,9 @@ def write_results(
             for picture_format in picture_formats
         }
     make_folder(folder)
+    earlier: list[Path] = []
+    if any((folder / name).is_file() for name in list(contents)[:1]):
+        earlier = [folder / f"{name}.{ending}" for name in names for ending in _ENDINGS]
     written: list[Path] = []
     for name in (*contents, *pictures):
         tell(len(written) / (len(contents) + len(pictures)), name)
@@ -178,6 +211,8 @@ def write_results(
             else:
                 save(picture, partial)
         written.append(folder / name)
+    for path in {*earlier} - {*written}:
+        path.unlink(missing_ok=True)
     return written
 
 

@@ -44,7 +44,7 @@ _TESTED = {
 }
 _NEED_EVEN = "Error curves and the diagnosis need evenly spaced targets."
 _NOT_REPEATED = " No line was repeated: repeatability, reversal and drift were not seen."
-_NOT_CONTAINED = " The errors below do not include this effect."
+_NOT_CONTAINED = " The errors below were solved without this effect, which distorts them."
 
 
 @dataclass(frozen=True)
@@ -223,8 +223,8 @@ def _misfit(lead: RunLead) -> list[str]:
     ratio = plain(lead.reduced_chi_squared, 1)
     if _is_left_out(lead):
         return [
-            "The errors below do not include this effect, so they do not explain the readings"
-            f" (χ²/dof = {ratio}), and no ± below covers it."
+            "The errors below were solved without this effect, which distorts them, so they do not"
+            f" explain the readings (χ²/dof = {ratio}), and no ± below covers it."
         ]
     if lead.misfit is Misfit.SHOWN:
         return [

@@ -18,6 +18,7 @@ from stepdiag_ros.metrology.solvers import limits
 
 CASE = Path(__file__).parents[1] / "data" / "cases" / "four_diagonals"
 LOST_MOTION = 6e-7
+PLAN = Path(__file__).parents[2] / "config" / "plans" / "demo.yaml"
 FILES = ("diagnosis.json", "diagnosis.txt", "diagnosis.html", "gap_map.png", "candidates.png")
 
 
@@ -92,6 +93,7 @@ def test_the_hidden_effect_is_named_proven_and_added(hidden, tmp_path, capsys):
     assert [one["verdict"] for one in document["rounds"]] == ["CONSISTENT"]
 
     grown = yaml.safe_load(model.read_text())
+    assert grown["name"] == "grown"
     assert grown == document["extended_model"]
     (effect,) = grown["effects"]
     assert effect["sizes"]["lost_motion"] == finding["sizes"][0]["value"]
@@ -103,10 +105,13 @@ def test_the_hidden_effect_is_named_proven_and_added(hidden, tmp_path, capsys):
     assert grown["chain"] == "YXZ"
 
     # The grown model explains the run, and a table is told from what is already known.
+    (out / "mine.png").write_bytes(b"a picture of the user")
     arguments = ["--model", str(model), "--output", str(out), "--pictures", "none", "--json"]
     assert main(["diagnose", str(hidden), *arguments]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["verdict"] == "CONSISTENT" and again["findings"] == []
+    # What the earlier diagnosis has drawn would belong to no result.
+    assert {path.name for path in out.iterdir()} == {"diagnosis.json", "diagnosis.txt", "mine.png"}
     assert again["model"]["effects"][0]["setting"] == {"axis": "Y"}
 
 
@@ -161,6 +166,18 @@ def test_what_cannot_be_done_is_refused_in_a_sentence(hidden, tmp_path, capsys):
     )
     there.write_text("effects: [{effect: backslash}]\n")
     assert "effects[0]: 'effect' is 'backslash'" in _refused([hidden, "--model", there], capsys)
+    text = _refused([hidden, "--model", there], capsys)
+    assert "backlash" in text and "pip install" in text
+    assert "'model'" in _refused([hidden, "--model", PLAN], capsys)
+    for ending in ("yaml", "yml"):
+        no_run = tmp_path / f"cell.{ending}"
+        no_run.write_text("seed: 1\n")
+        text = _refused([no_run], capsys)
+        assert no_run.name in text and ".mcap" in text and ".csv" in text
+    bag = tmp_path / "runs" / "monday" / "run.mcap"
+    bag.parent.mkdir(parents=True)
+    bag.touch()
+    assert str(bag.parent) in _refused([tmp_path / "runs"], capsys)
     assert "no model 'nothing'" in _refused([hidden, "--model", "nothing"], capsys)
     assert "nowhere.csv" in _refused([tmp_path / "nowhere.csv"], capsys)
     unfinished = CASE.parents[1] / "bags" / "schema_1.mcap"

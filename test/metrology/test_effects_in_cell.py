@@ -150,3 +150,13 @@ def test_the_shipped_cell_hides_backlash():
     hidden = stops_of(simulate(plan, cell))
     assert np.max(np.abs(hidden.displacement - bare.displacement)) > 0.2e-6
     assert replace(cell, name=demo.name, effects=()).seed == demo.seed
+
+
+def test_a_size_beyond_what_is_plausible_is_refused_with_its_limits():
+    for size, unit in ((1.0, "1 m"), (-6e-5, "-6e-05 m")):
+        entry = {**BACKLASH, "sizes": {"lost_motion": size}}
+        with refused(
+            Refusal, "out_of_range", "'backlash'", unit, "5e-05 m", "cell.yaml", about="lost_motion"
+        ):
+            cell_with(entry)
+    assert cell_with({**BACKLASH, "sizes": {"lost_motion": 5e-5}}).effects

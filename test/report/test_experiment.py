@@ -1,7 +1,9 @@
 """The evaluation of Ibaraki & Hata 2010, section 4: content, JSON, tables and pictures."""
 
+import inspect
 import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +14,23 @@ from stepdiag_ros.evaluation.build import build_report, truth_of
 from stepdiag_ros.evaluation.experiment import experiment_of
 from stepdiag_ros.metrology.direct_reading import read_direct
 from stepdiag_ros.metrology.geometry import TRANSLATIONS, moving_axis
-from stepdiag_ros.metrology.plausible import NOTHING
+from stepdiag_ros.metrology.plausible import NOTHING, ORDINARY
 from stepdiag_ros.metrology.simulation import simulate
+from stepdiag_ros.plots.experiment import FIGURE_OF_AXIS
+from stepdiag_ros.plots.files import diagnosis as diagnosis_figures
 from stepdiag_ros.plots.files import experiment as experiment_figures
 from stepdiag_ros.plots.files import run as figures
 from stepdiag_ros.plots.files.experiment import draw_experiment
 from stepdiag_ros.report.documents.experiment import experiment_document, experiment_json
-from stepdiag_ros.report.publish import publish
+from stepdiag_ros.report.publish import (
+    DIAGNOSIS_PICTURES,
+    EXPERIMENT_PICTURES,
+    RUN_PICTURES,
+    publish,
+)
 from stepdiag_ros.report.tables.experiment import print_experiment
 from stepdiag_ros.text.console import make_console
+from stepdiag_ros.words.lead import laser_scale
 
 FIGURES = {
     "figure_7_motion_of_x",
@@ -94,6 +104,8 @@ def test_one_run_has_a_table_and_setup_errors_but_no_pictures(report):
     assert draw_experiment(once) == {}
     text = io.StringIO()
     print_experiment(once, make_console(text))
+    # The ± of Table 1 contain more than the noise, and say so.
+    assert laser_scale(ORDINARY) in " ".join(text.getvalue().split())
     assert "Setup errors" in text.getvalue() and "repeats, each solved" not in text.getvalue()
 
 
@@ -193,3 +205,26 @@ def test_a_run_with_repeats_is_published_with_its_evaluation(report, tmp_path, m
     assert {"table_1.txt", "table_1.json", "results.json"} <= written
     assert len(drawn) == 1 and drawn[0].table
     assert json.loads((tmp_path / "table_1.json").read_text())["comparisons"] == []
+
+
+def test_pictures_of_earlier_results_that_are_not_written_again_are_deleted(
+    report, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(figures, "draw_all", lambda *_: {"squareness": b"new"})
+    monkeypatch.setattr(experiment_figures, "draw_experiment", lambda _: {})
+    (tmp_path / "rotations.png").write_bytes(b"of somebody who has no results here")
+    publish(report, tmp_path)
+    assert (tmp_path / "rotations.png").exists()
+    (tmp_path / "mine.png").write_bytes(b"of the user")
+    publish(report, tmp_path)
+    pictures = {path.name for path in tmp_path.iterdir() if path.suffix == ".png"}
+    assert pictures == {"mine.png", "squareness.png"}
+
+
+def test_the_names_of_all_pictures_are_known():
+    source = "".join(
+        inspect.getsource(module) for module in (figures, experiment_figures, diagnosis_figures)
+    )
+    drawn = {*re.findall(r'(?:pictures\[|shown\[|shown = \{|^        )"(\w+)"[\]:]', source, re.M)}
+    drawn |= {f"figure_{FIGURE_OF_AXIS[one]}_motion_of_{one.lower()}" for one in "XYZ"}
+    assert drawn | {"diagnosis"} == {*RUN_PICTURES, *EXPERIMENT_PICTURES, *DIAGNOSIS_PICTURES}

@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.effects.domain import Domain
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect, Setting
 from stepdiag_ros.metrology.effects.learned_shape import Learned, quantities
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 
 
 def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEffect:
@@ -25,7 +26,7 @@ def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEf
     Raises:
         ValueError: names the file, the key, what is wrong and what is expected.
     """
-    effect = catalogue[section.names("effect", tuple(catalogue))[0]]
+    effect = _known(section, catalogue)
     part = section.section("setting")
     setting = {key.name: _setting_value(part, key.name, key.kind) for key in effect.keys}
     part.finish()
@@ -43,6 +44,20 @@ def active_effect(section: Section, catalogue: Mapping[str, Effect]) -> ActiveEf
             f"{part.source}: '{effect.name}' needs a size; give one of {names}", fault="missing"
         )
     return ActiveEffect(effect, setting, sizes)
+
+
+def _known(section: Section, catalogue: Mapping[str, Effect]) -> Effect:
+    name = section.text("effect")
+    if name in catalogue:
+        return catalogue[name]
+    near = nearest(name, catalogue)
+    raise Refusal(
+        f"{section.source}: 'effect' is '{name}'; {suggestion(near, 'no such effect is known.')} An"
+        f" effect of your own must be installed (pip install). Known: {', '.join(catalogue)}",
+        fault="unknown",
+        about="effect",
+        where=section.source,
+    )
 
 
 def as_mapping(active: ActiveEffect) -> dict[str, Any]:

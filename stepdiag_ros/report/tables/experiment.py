@@ -5,12 +5,14 @@ import numpy as np
 from stepdiag_ros.evaluation.experiment import Experiment
 from stepdiag_ros.evaluation.report import method_title, short_title
 from stepdiag_ros.metrology.comparison import DirectComparison
+from stepdiag_ros.metrology.plausible import ORDINARY
 from stepdiag_ros.metrology.table_one import TableOneRow
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
+from stepdiag_ros.words.lead import laser_scale
 from stepdiag_ros.words.squareness import SIGN_DEFINITIONS, SignDefinition, angle_of, sign
 
 _TILT = 100e-6
@@ -226,7 +228,8 @@ def _sentences(experiment: Experiment, definition: SignDefinition) -> list[str]:
         "is smaller than 90°.",
         *(f"Sign '{name}': {text}." for name, text in SIGN_DEFINITIONS.items()),
         f"±: expanded uncertainty U, {COVERAGE_FACTOR:g} standard uncertainties (95 %), of the "
-        "readings' noise; for the conventional formulation it excludes setup errors.",
+        f"readings, of plausible rotations and of {laser_scale(ORDINARY)}; for the conventional "
+        "formulation also of the tilts that least squares finds in the same readings.",
         "Setup errors: to first order a reading depends on the tilt of the mirror's normal only; "
         "the beam's own tilt is a second-order scale, which these figures do not show. Angle 1 "
         "lies in the XY plane; both are in the frame of the results.",
