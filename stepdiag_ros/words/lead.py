@@ -287,7 +287,7 @@ def _worst(lead: RunLead, accuracy: VolumetricAccuracy) -> str:
     said = f"error vector: {vector} µm; " if isfinite(accuracy.vector[0]) else ""
     return (
         f"Largest error in the measured volume: {size} µm{which} at {place} mm"
-        f" ({said}it is zero at the first corner of the volume)."
+        f" ({said}errors count from the first corner of the volume)."
     )
 
 

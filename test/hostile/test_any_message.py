@@ -163,7 +163,7 @@ NOT_OF_THE_RUN = (topics.MACHINE_COMMAND, topics.COMMAND_STATUS)
 
 
 def published(stream):
-    """Return what an assembler publishes of a stream, by topic, and what it says of itself."""
+    """Return what an assembler publishes of a stream, to the byte, and what it says of itself."""
     said = []
     with pytest.MonkeyPatch.context() as patch, node_here("assembler") as here:
         made = {name: [] for name in ("_stops", "_blocks", "_lines")}
@@ -173,7 +173,9 @@ def published(stream):
             here.give(topic, message)
             here.work()
             said.append(max(finding_levels(here.node)))
-    return made, max(said)
+    # What is not known is NaN, which no message with it equals.
+    sent = {name: [serialize_message(one) for one in messages] for name, messages in made.items()}
+    return sent, max(said)
 
 
 def finding_levels(node):

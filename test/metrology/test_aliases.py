@@ -46,6 +46,13 @@ def test_a_period_that_nothing_looks_like_is_named_with_its_sizes():
         assert u < 0.1e-6 and abs(finding.sizes[name] - size) < 4.0 * u
 
 
+def test_a_period_that_a_free_curve_takes_up_says_which_curve():
+    plan = make_plan(blocks=12, step=(0.01,) * 3, repeats=2, directions=("forward", "backward"))
+    found = diagnose(replace(simulate(plan, make_cell(high=(0.12,) * 3), 3), chain="YXZ"))
+    for mm in (8, 20, 40):
+        assert "E_ZZ" in found.not_testable[f"pitch-periodic error of Z, period {mm} mm"]
+
+
 @pytest.mark.parametrize("period", [5, 10])
 def test_a_period_of_whole_steps_is_seen_by_no_stop(period):
     found = diagnosed(16e-3, 10e-3)

@@ -30,10 +30,10 @@ def filled(topic, **fields):
 
 class Lines(LineNode):
     role = "solver"
+    time = 100.0
 
     def __init__(self):
         super().__init__("solver")
-        self.time = 100.0
         self.follow_lines()
 
     def real_time(self):

@@ -205,7 +205,7 @@ def _left_by_baseline(
         here = np.arange(place, place + len(changes[index].counts))
         place += len(here)
         if np.all(after[here] <= HIDDEN * before[here]):
-            buried.append((candidate.label, int(here[0])))
+            buried.append((candidate.label, int(here[np.argmax(before[here])])))
             continue
         kept.append(index)
         columns.append(here)

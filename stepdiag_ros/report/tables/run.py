@@ -8,6 +8,7 @@ import numpy as np
 from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.report import (
     Report,
+    Truth,
     TruthComparison,
     compare_with_truth,
     frame_sentences,
@@ -502,6 +503,15 @@ def _determined(report: Report, lead: RunLead) -> list[str]:
         inside = _inside(compare_with_truth(preferred, report.truth))
         said.append(
             f"Values whose {OF_READINGS} contains the simulated true error: {inside} (expected:"
-            " 95 %)."
+            f" 95 %{_why_not_so_many(report, report.truth)})."
         )
     return said
+
+
+def _why_not_so_many(report: Report, truth: Truth) -> str:
+    """Say why more or fewer true values than expected may be within their uncertainty."""
+    if report.verdict.effects:
+        return "; fewer, because an effect acts that these curves do not contain"
+    if not any(np.any(truth.curves.get(name, 0.0)) for name in ROTATIONS):
+        return "; more, because ± contains rotations, and this machine has none"
+    return ""
