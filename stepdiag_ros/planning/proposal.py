@@ -92,12 +92,24 @@ def check_request(request: Request) -> PlanPurpose:
     purpose = findings.of(lambda: purpose_of(request), None)
     if request.purpose in PURPOSES:
         findings.of(lambda: _check_overrun(request), None)
+        findings.of(lambda: _check_streams(request), None)
     findings.of(
         lambda: travel_box(request.machine, request.margin, request.low, request.high), None
     )
     findings.refuse()
     assert purpose is not None
     return purpose
+
+
+def _check_streams(request: Request) -> None:
+    if request.streams is not None and not PURPOSES[request.purpose].kinds:
+        sought = ", ".join(name for name, purpose in PURPOSES.items() if purpose.kinds)
+        raise Refusal(
+            f"lines on the fly are not sought for {request.purpose}, but for {sought}; in the plan"
+            " that is written, 'measurement: on_the_fly' asks for them",
+            fault="unsupported",
+            about="on_the_fly",
+        )
 
 
 def _check_overrun(request: Request) -> None:

@@ -75,6 +75,11 @@ def test_positions_that_come_too_seldom_are_refused():
         propose(asked(streams=replace(STREAMS, position_rate=20.0)))
 
 
+def test_a_purpose_with_prescribed_lines_refuses_to_seek_them_on_the_fly():
+    with refused(ValueError, "unsupported", "iso230-2", about="on_the_fly"):
+        propose(replace(asked(), purpose="iso230-2", until={}))
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
