@@ -35,3 +35,9 @@ def test_names_that_are_all_certain_are_named():
     verdict, sentence = explained_by((SAG, replace(LOST, runners_up=())))
     assert verdict == NAMED
     assert "sag along Y" in sentence and "backlash of X" in sentence
+
+
+def test_names_of_one_alignment_that_is_over_are_one_name():
+    verdict, sentence = explained_by((replace(LOST, over=True, equivalent=("settling of X",)),))
+    assert verdict == NAMED
+    assert "backlash of X" in sentence and "settling of X" in sentence
