@@ -37,7 +37,7 @@ from stepdiag_ros.planning.candidates import PURPOSES  # noqa: E402
 from stepdiag_ros.planning.duration import Assumptions, duration  # noqa: E402
 from stepdiag_ros.planning.expectation import nominal_measurement  # noqa: E402
 from stepdiag_ros.planning.information import Information  # noqa: E402
-from stepdiag_ros.planning.offers import StopNoise, offers_at_stops  # noqa: E402
+from stepdiag_ros.planning.offers import StopNoise, offers_of  # noqa: E402
 from stepdiag_ros.planning.proposal import propose  # noqa: E402
 from stepdiag_ros.planning.request import Request, sampling_with  # noqa: E402
 
@@ -53,7 +53,9 @@ STREAMS = Streams(reading_noise=0.1e-6 / np.sqrt(1000.0))
 def expected(plan, machine, noise):
     """Return the standard uncertainties that are expected of a plan, by quantity."""
     lines = {replace(line, repeat=0, direction="forward") for line in plan.lines}
-    offers = offers_at_stops(lines, plan, machine, noise, ("forward",), NO_ALIGNMENT)
+    offers = offers_of(
+        lines, plan, machine, noise.of(plan.sampling.window), ("forward",), NO_ALIGNMENT
+    )
     information = Information(
         offers, plan.volume, machine.chain, Plausible(machine.rotations), NAMES
     )

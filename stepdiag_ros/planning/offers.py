@@ -5,7 +5,7 @@ and dwells, and its readings are independent. A line measured on the fly takes i
 its nodes have the covariance of its regression. The search depends on nothing else.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import hypot, sqrt
@@ -24,7 +24,6 @@ from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.on_the_fly.expected import Pace, Streams, expected_covariance
 from stepdiag_ros.metrology.plan import (
     DIAGONAL,
-    FEWEST_MOVES,
     FORWARD,
     LINEAR,
     STEP_DIAGONAL,
@@ -100,91 +99,55 @@ class Offer:
         ]
 
 
-def offers_at_stops(
+def offers_of(
     lines: Iterable[Line],
     conditions: Plan,
     machine: Machine,
-    noise: StopNoise,
+    noise: Noise,
     directions: tuple[str, ...],
     assumptions: Assumptions,
     times: int = 1,
 ) -> tuple[Offer, ...]:
-    """Return lines as they are measured at stops.
+    """Return lines as they are measured under some conditions, at stops or on the fly.
 
     Args:
         lines: forward, repeat 0.
         conditions: plan with the volume, the feed and the sampling; its own lines do not matter.
         machine: that moves.
-        noise: of a stop.
-        directions: in which each line is measured.
-        assumptions: for the duration.
-        times: how often each line is run in one measurement.
-    """
-    variance = noise.of(conditions.sampling.window) ** 2
-
-    def independent(plan: Plan, line: Line) -> Vector:
-        return variance * np.eye(len(line.stops(plan.volume)))
-
-    return _offers(lines, conditions, machine, directions, assumptions, times, independent)
-
-
-def offers_on_the_fly(
-    lines: Iterable[Line],
-    conditions: Plan,
-    machine: Machine,
-    place: float,
-    streams: Streams,
-    directions: tuple[str, ...],
-    assumptions: Assumptions,
-    times: int = 1,
-) -> tuple[Offer, ...]:
-    """Return lines as they are measured on the fly; of those with too few moves there are none.
-
-    Args:
-        lines: forward, repeat 0.
-        conditions: as for ``offers_at_stops``.
-        machine: that moves.
-        place: part of a node's standard uncertainty that no reading improves, m.
-        streams: of laser and controller.
+        noise: of a stop, or of the nodes of each line; see ``noise_of_stops``.
         directions: in which each line is measured.
         assumptions: for the duration.
         times: how often each line is run in one measurement.
 
     Raises:
-        ValueError: readings or positions come too seldom for these moves.
+        ValueError: readings or positions come too seldom for moves on the fly.
     """
-
-    def nodes(plan: Plan, line: Line) -> Vector:
-        return covariance_on_the_fly(plan, line, machine, place, streams, assumptions)
-
-    long_enough = [line for line in lines if len(line.stops(conditions.volume)) > FEWEST_MOVES]
-    return _offers(long_enough, conditions, machine, directions, assumptions, times, nodes)
-
-
-def covariance_on_the_fly(
-    plan: Plan,
-    line: Line,
-    machine: Machine,
-    place: float,
-    streams: Streams,
-    assumptions: Assumptions,
-) -> Vector:
-    """Return the expected covariance of a line's nodes, m², shape (stops, stops).
-
-    The solvers take the nodes of a line as independent and equally uncertain, and so does this.
-
-    Raises:
-        ValueError: readings or positions come too seldom for these moves.
-    """
-    pace = Pace(
-        feed=plan.feed,
-        acceleration=machine.acceleration_m_per_s2,
-        corner_time=machine.position_hold_s + assumptions.settling_s,
-        lag=assumptions.settling_s / _LAGS,
-    )
-    beam = beam_direction(line.name, np.asarray(plan.volume.step))
-    found = expected_covariance(line.stops(plan.volume), beam, pace, streams)
-    return (float(np.mean(np.diagonal(found))) + place**2) * np.eye(len(found))
+    made = []
+    for line in lines:
+        both = tuple(replace(line, direction=direction) for direction in directions)
+        plan = replace(conditions, lines=both)
+        taken = duration(plan, machine, assumptions).lines
+        stops = taken[0].stops
+        uncertainty = np.full(stops, noise(line) if callable(noise) else noise)
+        late, begun = np.zeros(stops), 0.0
+        for one, time in zip(both, taken, strict=True):
+            own = np.arange(stops) * (time.moves + time.dwells) / stops
+            late += begun + time.positioning + (own if one.direction == FORWARD else own[::-1])
+            begun += time.total - time.alignment
+        aligning = assumptions.alignment_s(line.kind) if plan.pause_for_setup else 0.0
+        made.append(
+            Offer(
+                line=line,
+                directions=directions,
+                setup=plan.setup_of(line),
+                alignment=aligning,
+                seconds=begun * times,
+                covariance=np.diag(uncertainty**2) / (len(both) * times),
+                lateness=late / len(both) + 0.5 * (times - 1) * begun,
+                times=times,
+            )
+        )
+    return tuple(made)
 
 
 def noise_of_stops(
@@ -208,46 +171,30 @@ def noise_of_stops(
     """
     if streams is None or not plan.on_the_fly:
         return noise.of(plan.sampling.window)
-    return lambda line: np.sqrt(
-        np.diagonal(covariance_on_the_fly(plan, line, machine, noise.place, streams, assumptions))
-    )
+    return lambda line: _on_the_fly(plan, line, machine, noise.place, streams, assumptions)
 
 
-def _offers(
-    lines: Iterable[Line],
-    conditions: Plan,
+def _on_the_fly(
+    plan: Plan,
+    line: Line,
     machine: Machine,
-    directions: tuple[str, ...],
+    place: float,
+    streams: Streams,
     assumptions: Assumptions,
-    times: int,
-    covariance: Callable[[Plan, Line], Vector],
-) -> tuple[Offer, ...]:
-    """Return offers whose single pass has a covariance, m², shape (stops, stops)."""
-    made = []
-    for line in lines:
-        both = tuple(replace(line, direction=direction) for direction in directions)
-        plan = replace(conditions, lines=both)
-        taken = duration(plan, machine, assumptions).lines
-        stops = taken[0].stops
-        late, begun = np.zeros(stops), 0.0
-        for one, time in zip(both, taken, strict=True):
-            own = np.arange(stops) * (time.moves + time.dwells) / stops
-            late += begun + time.positioning + (own if one.direction == FORWARD else own[::-1])
-            begun += time.total - time.alignment
-        aligning = assumptions.alignment_s(line.kind) if plan.pause_for_setup else 0.0
-        made.append(
-            Offer(
-                line=line,
-                directions=directions,
-                setup=plan.setup_of(line),
-                alignment=aligning,
-                seconds=begun * times,
-                covariance=covariance(conditions, line) / (len(both) * times),
-                lateness=late / len(both) + 0.5 * (times - 1) * begun,
-                times=times,
-            )
-        )
-    return tuple(made)
+) -> Vector:
+    """Return the expected standard uncertainty of a line's nodes, m, shape (stops,).
+
+    The solvers take the nodes of a line as independent and equally uncertain, and so does this.
+    """
+    pace = Pace(
+        feed=plan.feed,
+        acceleration=machine.acceleration_m_per_s2,
+        corner_time=machine.position_hold_s + assumptions.settling_s,
+        lag=assumptions.settling_s / _LAGS,
+    )
+    beam = beam_direction(line.name, np.asarray(plan.volume.step))
+    found = expected_covariance(line.stops(plan.volume), beam, pace, streams)
+    return np.full(len(found), hypot(sqrt(float(np.mean(np.diagonal(found)))), place))
 
 
 @lru_cache(maxsize=32)

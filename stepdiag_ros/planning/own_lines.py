@@ -17,7 +17,7 @@ from stepdiag_ros.planning.expectation import (
     PlanExpectation,
     expect_with_rotations,
 )
-from stepdiag_ros.planning.offers import StopNoise, offers_at_stops
+from stepdiag_ros.planning.offers import offers_of
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ def axes_without_line(
         return ()
     directions = tuple(dict.fromkeys(line.direction for line in plan.lines))
     # What is wanted of them is lines and times alone.
-    offers = offers_at_stops(
+    offers = offers_of(
         [Line(LINEAR, name, "", 0, FORWARD) for _, name, _ in missing],
         plan,
         machine,
-        StopNoise(0.0),
+        0.0,
         directions,
         assumptions,
         1 + max(line.repeat for line in plan.lines),

@@ -30,8 +30,7 @@ from stepdiag_ros.planning.information import Information
 from stepdiag_ros.planning.offers import (
     Offer,
     lines_in,
-    offers_at_stops,
-    offers_on_the_fly,
+    offers_of,
     words_of,
 )
 from stepdiag_ros.planning.order import Order
@@ -255,14 +254,15 @@ class Search:
 
     def _offers(self, lines: tuple[Line, ...], conditions: Plan) -> tuple[Offer, ...]:
         request = self._request
-        common = (request.directions or self._purpose.directions, request.assumptions)
-        times = request.repeats or 1
-        if request.streams is not None and conditions.on_the_fly:
-            place, streams = request.stop_uncertainty, request.streams
-            return offers_on_the_fly(
-                lines, conditions, request.machine, place, streams, *common, times
-            )
-        return offers_at_stops(lines, conditions, request.machine, request.noise, *common, times)
+        return offers_of(
+            lines,
+            conditions,
+            request.machine,
+            request.noise_of(conditions),
+            request.directions or self._purpose.directions,
+            request.assumptions,
+            request.repeats or 1,
+        )
 
     def _space(self, lines: tuple[Line, ...], conditions: Plan) -> Space:
         request, machine = self._request, self._request.machine

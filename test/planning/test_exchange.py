@@ -15,7 +15,7 @@ from stepdiag_ros.planning.duration import Assumptions, duration
 from stepdiag_ros.planning.exchange import Exchange
 from stepdiag_ros.planning.expectation import nominal_measurement
 from stepdiag_ros.planning.information import Information
-from stepdiag_ros.planning.offers import StopNoise, lines_in, offers_at_stops
+from stepdiag_ros.planning.offers import StopNoise, lines_in, offers_of
 from stepdiag_ros.planning.order import Order
 from stepdiag_ros.planning.plan_text import plan_text
 
@@ -28,11 +28,11 @@ NOISE = StopNoise(0.1e-6)
 def search(paused, rotation=0.0, limits=None):
     conditions = Plan("test", VOLUME, (), 0.1, pause_for_setup=paused)
     conditions = replace(conditions, one_alignment_per_diagonal=True)
-    offers = offers_at_stops(
+    offers = offers_of(
         lines_in(VOLUME, (LINEAR, STEP_DIAGONAL)),
         conditions,
         MACHINE,
-        NOISE,
+        NOISE.of(conditions.sampling.window),
         (FORWARD, BACKWARD),
         Assumptions(),
     )

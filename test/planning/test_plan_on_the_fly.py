@@ -15,7 +15,7 @@ from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.planning.duration import Assumptions
 from stepdiag_ros.planning.expectation import expect_with_rotations
 from stepdiag_ros.planning.information import Information
-from stepdiag_ros.planning.offers import StopNoise, noise_of_stops, offers_on_the_fly
+from stepdiag_ros.planning.offers import StopNoise, noise_of_stops, offers_of
 from stepdiag_ros.planning.proposal import propose
 from stepdiag_ros.planning.request import Request
 
@@ -43,13 +43,13 @@ def test_the_search_expects_of_nodes_what_the_plan_is_promised():
     lines += [Line(STEP_DIAGONAL, name, "XYZ", 0, FORWARD) for name in ("ppp", "npp", "pnp", "ppn")]
     conditions = Plan("test", volume, (), 0.05, pause_for_setup=False, measurement="on_the_fly")
     both = (FORWARD, "backward")
-    offers = offers_on_the_fly(lines, conditions, MACHINE, 1e-8, STREAMS, both, NO_ALIGNMENT)
+    nodes = noise_of_stops(conditions, MACHINE, StopNoise(1e-8), STREAMS, NO_ALIGNMENT)
+    offers = offers_of(lines, conditions, MACHINE, nodes, both, NO_ALIGNMENT)
     names = ("E_XX", "E_ZZ", "C0Y")
     information = Information(offers, volume, "YXZ", Plausible(MACHINE.rotations), names)
     found = information.standing(np.ones(len(offers))).largest()
     passes = tuple(one for offer in offers for one in offer.passes(1))
     plan = replace(conditions, lines=passes)
-    nodes = noise_of_stops(plan, MACHINE, StopNoise(1e-8), STREAMS, NO_ALIGNMENT)
     told = expect_with_rotations(plan, nodes, "YXZ", MACHINE.rotations)
     assert found["E_XX"] == pytest.approx(told.positioning["E_XX"], rel=1e-5)
     assert found["E_ZZ"] == pytest.approx(told.positioning["E_ZZ"], rel=1e-5)
