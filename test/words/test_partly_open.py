@@ -41,3 +41,10 @@ def test_names_of_one_alignment_that_is_over_are_one_name():
     verdict, sentence = explained_by((replace(LOST, over=True, equivalent=("settling of X",)),))
     assert verdict == NAMED
     assert "backlash of X" in sentence and "settling of X" in sentence
+
+
+def test_where_nothing_is_certain_every_name_is_one_of_several():
+    verdict, sentence = explained_by((LOST,))
+    assert verdict == AMBIGUOUS
+    assert "backlash of X" in sentence and "settling of X" in sentence
+    assert "sag" not in sentence
