@@ -31,7 +31,7 @@ from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.least_squares import estimate_of, result_of
 from stepdiag_ros.metrology.solvers.observations import observe
-from stepdiag_ros.metrology.solvers.rotations import expected_moments, root_of, turned
+from stepdiag_ros.metrology.solvers.rotations import expected_moments, turned
 from stepdiag_ros.metrology.solvers.summary import (
     CurveEstimate,
     deviations_from_line,
@@ -139,12 +139,13 @@ def expect_with_rotations(
     volume = plan.volume
     places = _some_places(volume)
     if rotation:
-        covariance, estimated = expected_moments(both.rotations.information, rotation)
+        spread, estimated, vectors = expected_moments(both.rotations.information, rotation)
+        covariance = (vectors * spread) @ vectors.T
         both = replace(both, rotations=replace(both.rotations, covariance=covariance))
     result = result_of(measurement, both)
     if rotation and result.turned_factor.size:
         # The lines of a perfect machine show no rotations; those of one that turns do.
-        shown = both.curves @ root_of(estimated)
+        shown = both.curves @ (vectors * np.sqrt(estimated))
         still = np.zeros((len(result.turned_factor) - len(shown), shown.shape[1]))
         factor = np.column_stack([result.turned_factor, np.concatenate([still, shown])])
         result = replace(result, turned_factor=factor)

@@ -175,11 +175,11 @@ class Information:
             if beyond is not None:
                 known.flat[:: len(known) + 1] += beyond
             open_to = rows.modes - solved @ cross
-            spread, estimated = expected_moments(known, self._size)
-            turned = turned + np.sum((open_to @ spread) * open_to, axis=1)
+            spread, estimated, vectors = expected_moments(known, self._size)
+            turned = turned + (open_to @ vectors) ** 2 @ spread
             # The map of a result without rotations does not turn by what the lines show of them.
             shown = rows.modes if beyond is None else np.where(beyond > 0.0, 0.0, rows.modes)
-            turned = turned + np.sum((shown @ estimated) * shown, axis=1)
+            turned = turned + (shown @ vectors) ** 2 @ estimated
         return Standing(rows, np.array([noise, turned, scale]))
 
     def limit(self, counts: Vector, name: str) -> str:

@@ -14,6 +14,7 @@ says nothing of one that acts on no reading, because one axis may turn alone.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,8 @@ class Rotations:
         readings: what each mode adds to the averaged readings, m/rad, shape (groups, k).
         information: of the modes' factors beyond all that is free, 1/rad², shape (k, k).
         shrinkage: from the pull of the residuals on each mode to its factor, rad m, shape (k, k).
+        scatter: what the noise of the readings does to the factors by that, per standard deviation
+            of independent causes, rad, shape (k, seen).
         mean: of the modes' factors, rad, shape (k,).
         covariance: mean square and products of their errors, rad², shape (k, k).
         second_moment: mean square and products of the factors themselves, rad², shape (k, k).
@@ -63,6 +66,7 @@ class Rotations:
     readings: Vector
     information: Vector
     shrinkage: Vector
+    scatter: Vector
     mean: Vector
     covariance: Vector
     second_moment: Vector
@@ -206,9 +210,8 @@ class Turned:
 
     def scatter(self) -> Vector:
         """Return the covariance of what ``predicted`` does with the readings' noise, m²."""
-        rotations = self.rotations
-        by_pull = self.change @ rotations.shrinkage
-        covariance: Vector = rotations.noise_factor * (by_pull @ rotations.information) @ by_pull.T
+        by_noise = self.change @ self.rotations.scatter
+        covariance: Vector = self.rotations.noise_factor * by_noise @ by_noise.T
         return covariance
 
 
@@ -288,6 +291,8 @@ def root_of(moment: Vector) -> Vector:
     """
     if not np.all(np.isfinite(moment)):
         return np.full(moment.shape, np.nan)
+    with suppress(np.linalg.LinAlgError):
+        return np.asarray(np.linalg.cholesky(moment), dtype=np.float64)
     values, vectors = np.linalg.eigh(moment)
     root: Vector = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
@@ -364,11 +369,14 @@ def plausible_rotations(
     mean = shrunk * parts
     sizes = np.maximum(sizes, plausible)
     given = _given(sizes, values / unit)
-    factors, weight = given * parts / unit, np.sqrt(share)[:, None]
+    factors, weight = (given * parts / unit)[:, seen], np.sqrt(share)[:, None]
+    shown, unseen = vectors[:, seen], float(share @ sizes**2)
 
     def moment(about: Vector | float) -> Vector:
+        # What the readings do not show of the factors is as uncertain as they are large.
         away = (factors - about) * weight
-        made: Vector = vectors @ (np.diag(share @ given) + away.T @ away) @ vectors.T
+        made: Vector = (shown @ (np.diag((share @ given)[seen] - unseen) + away.T @ away)) @ shown.T
+        made.flat[:: len(made) + 1] += unseen
         return made
 
     rotations = Rotations(
@@ -376,30 +384,33 @@ def plausible_rotations(
         information=information,
         shrinkage=(vectors * shrunk) @ vectors.T,
         mean=vectors @ mean,
-        covariance=moment(mean),
+        scatter=shown * (shrunk * np.sqrt(values))[seen],
+        covariance=moment(mean[seen]),
         second_moment=moment(0.0),
         noise_factor=factor,
         explained=float(shrunk @ parts**2),
         gain=gain / unit,
         seen=count,
         degrees_of_freedom=freedom,
-        size=float(np.sqrt(share @ sizes**2)),
+        size=float(np.sqrt(unseen)),
     )
     return rotations, change
 
 
-def expected_moments(information: Vector, plausible: float) -> tuple[Vector, Vector]:
+def expected_moments(information: Vector, plausible: float) -> tuple[Vector, Vector, Vector]:
     """Return what is to be expected of the modes' factors if axes turn as is plausible.
 
     Those of ``plausible_rotations`` with the mean squares of v·b, λ + s² λ², in place of squares.
+    They are diagonal in the eigenvectors v of S.
 
     Args:
         information: of the factors beyond all that is free, 1/rad², shape (k, k).
         plausible: size of the rotations, rad.
 
     Returns:
-        the covariance of the factors, and the mean square and products of their estimates, which a
-        result that gives no rotations leaves to the uncertainty, rad², shape (k, k) each.
+        along each eigenvector the variance of the factors, rad², shape (k,); the mean square of
+        their estimates, which a result that gives no rotations leaves to the uncertainty, rad²,
+        shape (k,); and the eigenvectors as columns, shape (k, k).
     """
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     values = np.where(values > _RANK_LIMIT * np.max(values, initial=0.0), values, 0.0)
@@ -408,9 +419,7 @@ def expected_moments(information: Vector, plausible: float) -> tuple[Vector, Vec
     shrunk = share @ _given(sizes, values)
     given = _given(np.maximum(sizes, plausible), values)
     spread = share @ given + share @ (given - shrunk) ** 2 * square
-    covariance: Vector = (vectors * spread) @ vectors.T
-    estimated: Vector = (vectors * (shrunk**2 * square)) @ vectors.T
-    return covariance, estimated
+    return spread, shrunk**2 * square, vectors
 
 
 def _given(sizes: Vector, values: Vector) -> Vector:
