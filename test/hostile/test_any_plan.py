@@ -145,7 +145,7 @@ def parsed_plan(name):
 
 
 @pytest.mark.parametrize("name", [*NAMES, "tracker"])
-@trials(60)
+@trials(30)
 @given(data=st.data())
 def test_a_plan_with_odd_values_is_a_plan_or_a_sentence(name, data):
     made = judged(plan_from_text, dumped(data.draw(changed(parsed_plan(name)))))
@@ -162,7 +162,7 @@ READERS = {
 
 
 @pytest.mark.parametrize("folder", READERS)
-@trials(40)
+@trials(20)
 @given(data=st.data())
 def test_other_files_with_odd_values_are_taken_or_refused_in_a_sentence(folder, data):
     name = data.draw(st.sampled_from(configuration.available(folder)))
@@ -179,7 +179,7 @@ PIECES = (
 )
 
 
-@trials(400)
+@trials(200)
 @given(st.lists(st.sampled_from(PIECES) | st.text(max_size=6), max_size=25).map("".join))
 def test_a_text_of_yaml_s_signs_is_a_plan_or_a_sentence(text):
     judged(plan_from_text, text)

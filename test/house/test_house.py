@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -43,12 +44,17 @@ def test_the_code_is_linted_formatted_and_typed(check):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text())
+
+
 def long_functions(package=ROOT / "stepdiag_ros"):
     """Return functions whose code is longer than a screen, docstrings aside: name → lines."""
     found = {}
     for path in package.rglob("*.py"):
         module = ".".join(path.relative_to(package).with_suffix("").parts)
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 said = ast.get_docstring(node, clean=False) or ""
                 lines = node.end_lineno - node.lineno + 1 - len(said.splitlines())
@@ -182,7 +188,7 @@ def floor_of(module):
 
 def imported(path):
     """Yield what a file imports of this package, as names below it, from its syntax tree."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree_of(path)):
         names = []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -223,7 +229,7 @@ def test_tables_are_laid_out_for_a_terminal_in_one_place():
     package = ROOT / "stepdiag_ros"
     drawing = set()
     for path in package.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(tree_of(path)):
             names = [alias.name for alias in getattr(node, "names", ()) if hasattr(alias, "name")]
             if isinstance(node, ast.ImportFrom):
                 names = [node.module or ""]

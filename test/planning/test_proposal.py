@@ -140,7 +140,7 @@ def test_a_plan_promises_the_uncertainty_that_plausible_rotations_leave(rotation
 
 
 def test_without_plausible_rotations_a_plan_promises_no_less_than_noise_makes():
-    plan = proposed("squareness").chosen.plan
+    plan = proposed("volumetric").chosen.plan
     by_noise, stiff = expect(plan, NOISE), expect_with_rotations(plan, NOISE, "YXZ", 0.0)
     turning = expect_with_rotations(plan, NOISE, "YXZ", 3e-6)
     for name in SQUARENESS:
