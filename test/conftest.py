@@ -85,11 +85,11 @@ def pytest_configure(config):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config):
-    """Run one process more than there are processors: quick live tests wait for half of their time.
+    """Run two processes more than there are processors: quick live tests wait most of their time.
 
     The slow ones work most of theirs.
     """
-    spare = 0 if config.option.markexpr == "slow" else 1
+    spare = 0 if config.option.markexpr == "slow" else 2
     return len(os.sched_getaffinity(0)) + spare
 
 
