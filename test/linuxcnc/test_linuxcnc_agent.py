@@ -143,6 +143,26 @@ def test_samples_come_at_the_rate_that_was_asked_or_with_each_look(bench):
     bench.execute(course())
 
 
+def test_a_stop_of_the_agent_is_no_silence_of_the_client(bench):
+    lasts = bench.agent._controller.component
+
+    def course():
+        yield from bench.greet()
+        bench.ask("start")
+        yield from bench.looks(3)
+        assert lasts["session"]
+        # It is stopped once it has asked the client, who goes on to give signs of life.
+        bench.now, bench.after = bench.now + LOOK, 10.0
+        yield True
+        yield from bench.looks(10)
+        assert lasts["session"]
+        bench.now, bench.after = bench.now + 10.0, 0.0
+        yield True
+
+    bench.execute(course())
+    assert not lasts["session"]
+
+
 @pytest.mark.parametrize(
     ("pace", "latest"),
     [

@@ -158,6 +158,7 @@ class Agent:
         while goes_on():
             period = IDLE_PERIOD if self._client is None else PERIOD
             sockets = [self._listener] + ([self._client.connection] if self._client else [])
+            asked = time.monotonic()
             ready = select.select(sockets, [], [], period)[0]
             self._controller.look()
             self._errors += self._controller.errors()
@@ -165,7 +166,7 @@ class Agent:
                 self._hear(self._client)
             if self._listener in ready:
                 self._accept()
-            self._watch_client()
+            self._watch_client(asked)
             self._watch_machine()
             self._tell()
         self._end_session("the agent ends")
@@ -335,10 +336,14 @@ class Agent:
 
     # The machine --------------------------------------------------------------------------------
 
-    def _watch_client(self) -> None:
+    def _watch_client(self, asked: float) -> None:
+        """End the session of a client that had said nothing for too long when it was asked.
+
+        What passed since then, perhaps because this process was stopped, is not its silence.
+        """
         if self._client is None:
             return
-        silent = time.monotonic() - self._client.heard
+        silent = asked - self._client.heard
         if silent > self._dead_man:
             self._end_session(f"the client was silent for {silent:.2f} s")
         if silent > DEAD_CLIENT:
