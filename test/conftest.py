@@ -1,10 +1,12 @@
 """Which tests are live, and what holds around every test: threads, signals, JSON and its schema."""
 
 import gc
+import importlib
 import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from unittest import mock
@@ -91,6 +93,24 @@ def pytest_xdist_auto_num_workers(config):
     """
     spare = 0 if config.option.markexpr == "slow" else 2
     return len(os.sched_getaffinity(0)) + spare
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session):
+    """Compile a share of all modules in each process, so that no process compiles all of them.
+
+    What cannot be imported here fails again, and is reported, where it is collected.
+    """
+    here, config = Path(__file__).parent, session.config
+    worker = getattr(config, "workerinput", None)
+    if worker is None or [Path(one).resolve() for one in config.args] != [here]:
+        return
+    number, count = int(worker["workerid"].removeprefix("gw")), worker["workercount"]
+    for path in sorted(here.rglob("test_*.py"))[number::count]:
+        if str(path.parent) not in sys.path:
+            sys.path.insert(0, str(path.parent))
+        with suppress(Exception, pytest.skip.Exception):
+            importlib.import_module(path.stem)
 
 
 @cache
