@@ -107,17 +107,15 @@ def test_a_move_ends_when_the_actual_position_is_there_and_stays(watched):
     # Never faster than asked; how much slower a busy computer is, LinuxCNC's agent cannot help:
     # test_linuxcnc_agent.py has its rate.
     assert (len(times) - 1) / (times[-1] - times[0]) * 1e9 < 220.0
-    # Within the window for the hold time before the end ...
+    # Within the window for the hold time before the end. How long beyond that, if LinuxCNC's task
+    # has to wait for the computer before it calls the move done, test_linuxcnc_agent.py has.
     outside = [s.time for s in samples if abs(s.position[0] - 0.03) > WINDOW]
-    within = [s for s in samples if abs(s.position[0] - 0.03) <= WINDOW]
     assert end.time - max(outside) >= 0.02e9
-    # ... and not long before: less than 0.15 s at 200 samples a second, of which there are fewer
-    # where the agent has to wait for the computer.
-    assert len([s for s in within if s.time <= end.time]) < 30
     # The lag of the drives is seen: these are no commanded positions.
     assert np.all(np.diff([sample.position[0] for sample in samples]) > -1e-9)
-    for sample in within:
-        assert sample.motors == pytest.approx(sample.position, abs=1e-6)
+    for sample in samples:
+        if abs(sample.position[0] - 0.03) <= WINDOW:
+            assert sample.motors == pytest.approx(sample.position, abs=1e-6)
     watched.until(lambda: abs(watched.samples()[-1].position[0] - 0.03) < 1e-9)
 
 
