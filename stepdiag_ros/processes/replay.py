@@ -86,10 +86,12 @@ def replay(
                 parameters["diagnosis"] = {"use_sim_time": True, **_compared_as(bag, run, logs)}
             roles = list(parameters)
             player.refuse_company(roles)
+            # Before the nodes are there: what a node publishes to listeners that it has not found
+            # yet is lost.
+            player.listen_to_derived(compared)
             nodes = [NodeProcess(role, given) for role, given in parameters.items()]
             processes = stack.enter_context(Processes(nodes, logs))
             player.wait_for(roles, START_LIMIT, lambda: "; ".join(processes.ended().values()))
-            player.listen_to_derived(compared)
         if listeners:
             player.wait_for(listeners, LISTENERS_LIMIT, lambda: "")
         played = player.play(rate, progress)

@@ -317,7 +317,7 @@ def test_a_connection_that_ends_brakes_the_machine_and_no_move_is_repeated(machi
         again.go(800.0, 0.0, 0.0)
     again.reset()
     again.wait(0.2)
-    assert 1e3 * again.position()[0] == pytest.approx(first, abs=1e-3)
+    assert 1e3 * again.position()[0] < first + 1.0, "the old move goes on"
     again.go(5.0, 0.0, 0.0, feed=0.4)
     assert again.until_state(CncState.READY).position[0] == pytest.approx(0.005, abs=WINDOW)
     again.driver.close()
