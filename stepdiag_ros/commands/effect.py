@@ -70,7 +70,7 @@ def run(arguments: Namespace) -> int:
     place = quote(str(folder) if folder.is_absolute() else f"./{folder}")
     say(
         f"effect in {folder}: {', '.join(files)}; state 'sentence' and 'source' in {module}.py, run"
-        f" 'pytest {place}', then 'pip install {place}'"
+        f" 'python -m pytest {place}' (pytest must be installed), then 'pip install {place}'"
     )
     return 0
 

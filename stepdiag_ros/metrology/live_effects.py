@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag_ros.metrology.cell import SimulatedCell
+from stepdiag_ros.metrology.effects.effect import fault_named
 from stepdiag_ros.metrology.effects.learned_shape import outside
 from stepdiag_ros.metrology.effects.stops import Stops, stops_of
 from stepdiag_ros.metrology.measurement import Environment
@@ -63,15 +64,16 @@ class LiveEffects:
         self._environment = np.concatenate([line.environment for line in self._run.lines])
         self._identity = {line.setup: line.setup for line in self._run.lines}
         for active in self._effects:
-            try:
-                active.readings(self._stops)
-            except ValueError as error:
-                label = active.effect.label(active.setting)
-                raise Refusal(
-                    f"the cell '{cell.name}' has the effect '{label}', which cannot act in the plan"
-                    f" '{plan.name}': {error}",
-                    **fields_of(error),
-                ) from None
+            with fault_named(active.effect):
+                try:
+                    active.readings(self._stops)
+                except ValueError as error:
+                    label = active.effect.label(active.setting)
+                    raise Refusal(
+                        f"the cell '{cell.name}' has the effect '{label}', which cannot act in the"
+                        f" plan '{plan.name}': {error}",
+                        **fields_of(error),
+                    ) from None
         self.outside = outside(self._effects, self._stops)
 
     def at(

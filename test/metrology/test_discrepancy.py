@@ -21,7 +21,7 @@ from stepdiag_ros.metrology.discrepancy import (
     diagnose,
 )
 from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
-from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Key, Size
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.simulation import simulate
@@ -35,6 +35,7 @@ class Creep(Effect):
     name = "creep"
     sentence = "The reading creeps with the square root of time, times the place of an axis."
     source = "made up for this test"
+    keys = (Key("axis", AXES),)
     sizes = (Size("rate", "1/sqrt(s)", -1e-3, 1e-3, "creep per way and root of time"),)
 
     def settings(self, stops):

@@ -13,10 +13,11 @@ from stepdiag_ros.metrology import effects, registry
 from stepdiag_ros.metrology.discrepancy import diagnose
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.backlash import Backlash
-from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Size
+from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Key, Size
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.forward import ErrorCurves, reading, tilted
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS
+from stepdiag_ros.metrology.live_effects import LiveEffects
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
@@ -501,14 +502,50 @@ def test_a_broken_effect_of_another_package_is_refused_in_a_sentence(monkeypatch
     assert "THE_POINT" in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_an_effect_whose_code_fails_is_named_with_what_it_raises():
-    class Misspelt(Foreign):
-        def change(self, setting, sizes, stops):  # noqa: ARG002
-            return Change(reading=sizes["sise"] * np.ones(len(stops.time)))
+class Misspelt(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(reading=sizes["sise"] * np.ones(len(stops.time)))
 
+
+class WrongAxis(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change.along("y", sizes["size"] * stops.time)
+
+
+class OutOfProportion(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(reading=np.sqrt(np.abs(sizes["size"])) * stops.time)
+
+
+class Undeclared(Foreign):
+    def settings(self, stops):  # noqa: ARG002
+        yield {"axis": "X"}
+
+
+class OtherNames(Undeclared):
+    keys = (Key("axis", ("Y", "Z")),)
+
+
+@pytest.mark.parametrize(
+    ("effect", "raised"),
+    [
+        (Misspelt, ("KeyError", "'sise'")),
+        (WrongAxis, ("LookupError", "'y'", "X, Y, Z")),
+        (OutOfProportion, ("ArithmeticError",)),
+        (Undeclared, ("LookupError", "axis", "none")),
+        (OtherNames, ("LookupError", "'X'", "Y, Z")),
+    ],
+)
+def test_an_effect_whose_code_fails_is_named_with_what_it_raises(effect, raised):
     run = simulate(make_plan(blocks=3, repeats=2), make_cell())
-    with refused(Refusal, "failed", __name__, "KeyError", "'sise'", about="a foreign effect"):
-        diagnose(run, catalogue=[Misspelt()])
+    with refused(Refusal, "failed", __name__, *raised, about="a foreign effect"):
+        diagnose(run, catalogue=[effect()])
+
+
+def test_a_cell_with_an_effect_whose_code_fails_is_refused_by_the_name_of_the_effect():
+    active = ActiveEffect(WrongAxis(), {}, {"size": 1e-6})
+    with refused(Refusal, "failed", "LookupError", "'y'", about="a foreign effect"):
+        LiveEffects(make_plan(blocks=3), replace(make_cell(), effects=(active,)))
 
 
 OWN_EFFECT = """\

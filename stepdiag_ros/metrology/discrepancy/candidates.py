@@ -4,8 +4,7 @@ Whether a run can show a candidate, how small, and which candidates look alike i
 the plan and the noise alone, before any reading is looked at.
 """
 
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +14,9 @@ from scipy import sparse
 from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
 from stepdiag_ros.metrology.discrepancy.columns import ColumnChanges, Columns, changes_of, in_blocks
 from stepdiag_ros.metrology.discrepancy.findings import Candidate
-from stepdiag_ros.metrology.effects.effect import Effect
+from stepdiag_ros.metrology.effects.effect import Effect, fault_named
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
-from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.registry import raised
 
 HIDDEN = 1e-3
 """Share of a column beyond the baseline below which nothing but rounding is left of it."""
@@ -118,13 +115,16 @@ def signatures(
         if effect.typical or effect.learned:
             continue
         tried = 0
-        with _named(effect):
+        with fault_named(effect):
             for setting in effect.settings(stops):
+                effect.check(setting)
                 tried += 1
                 candidate = Candidate(effect, setting, effect.label(setting))
                 if (effect.name, candidate.label) in taken:
                     continue
                 try:
+                    if tried == 1:
+                        effect.check_proportion(setting, stops)
                     columns = _more_than_rounding(effect.columns(setting, stops)[good], effect)
                     blurred = "displacement" in effect.needs and _blurred(
                         columns, effect.columns(setting, again)[good]
@@ -158,27 +158,6 @@ def _more_than_rounding(columns: Vector, effect: Effect) -> Vector:
     largest = np.array([max(abs(size.low), abs(size.high)) for size in effect.sizes])
     shown = np.max(np.abs(columns), axis=0, initial=0.0) * largest > _ROUNDING
     return np.where(shown | ~np.isfinite(largest), columns, 0.0)
-
-
-@contextmanager
-def _named(effect: Effect) -> Iterator[None]:
-    """Say which effect is at fault where its code fails; ValueError is an answer about the run."""
-    try:
-        yield
-    except (
-        ArithmeticError,
-        AttributeError,
-        ImportError,
-        LookupError,
-        NameError,
-        TypeError,
-    ) as error:
-        raise Refusal(
-            f"the effect '{effect.name}' ({type(effect).__module__}) fails: {raised(error)}."
-            " Correct its module, or uninstall its package",
-            fault="failed",
-            about=effect.name,
-        ) from error
 
 
 def _blurred(columns: Vector, again: Vector) -> bool:

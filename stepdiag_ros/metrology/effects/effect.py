@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.registry import raised
 
 Setting = Mapping[str, Any]
 """Where and how an effect acts: names → a name of an axis or line, or a number that shapes it."""
@@ -63,7 +66,13 @@ class Change:
 
     @classmethod
     def along(cls, axis: str, distance: Vector) -> "Change":
-        """Return a translation along X, Y or Z alone; distance in m, shape (n,)."""
+        """Return a translation along X, Y or Z alone; distance in m, shape (n,).
+
+        Raises:
+            LookupError: there is no such axis.
+        """
+        if axis not in AXES:
+            raise LookupError(f"'{axis}' is not an axis; use one of {', '.join(AXES)}")
         translation = np.zeros((len(distance), 3))
         translation[:, AXES.index(axis)] = distance
         return cls(translation=translation)
@@ -158,6 +167,66 @@ class Effect(ABC):
                 for one in names
             ]
         )
+
+    def check(self, setting: Setting) -> None:
+        """Check that a setting holds the declared keys, with names that they may have.
+
+        Raises:
+            LookupError: it does not.
+        """
+        if set(setting) != {key.name for key in self.keys}:
+            raise LookupError(
+                f"'settings' yields the keys {', '.join(setting) or 'none'}, 'keys' declares"
+                f" {', '.join(key.name for key in self.keys) or 'none'}"
+            )
+        for key in self.keys:
+            if isinstance(key.kind, tuple) and setting[key.name] not in key.kind:
+                raise LookupError(
+                    f"'settings' yields '{setting[key.name]}' as {key.name}, 'keys' declares"
+                    f" {', '.join(key.kind)}"
+                )
+
+    def check_proportion(self, setting: Setting, stops: Stops) -> None:
+        """Check that sizes twice as large change the readings by twice as much.
+
+        Raises:
+            ArithmeticError: they do not.
+            ValueError: the run lacks what the effect needs.
+        """
+        largest = {size.name: max(size.low, size.high, key=abs) for size in self.sizes}
+        sizes = {name: value if np.isfinite(value) else 1.0 for name, value in largest.items()}
+        twice = {name: 2.0 * value for name, value in sizes.items()}
+        one = ActiveEffect(self, setting, sizes).readings(stops)
+        two = ActiveEffect(self, setting, twice).readings(stops)
+        if not np.allclose(two, 2.0 * one, rtol=1e-6, atol=1e-12, equal_nan=True):
+            raise ArithmeticError(
+                "its change is not proportional to its sizes; make what is not a key"
+            )
+
+
+@contextmanager
+def fault_named(effect: Effect) -> Iterator[None]:
+    """Name the effect where its code fails. A ValueError is an answer about the run, no fault.
+
+    Raises:
+        Refusal: the code of the effect fails.
+    """
+    try:
+        yield
+    except (
+        ArithmeticError,
+        AttributeError,
+        ImportError,
+        LookupError,
+        NameError,
+        TypeError,
+    ) as error:
+        raise Refusal(
+            f"the effect '{effect.name}' ({type(effect).__module__}) fails: {raised(error)}."
+            " Correct its module, or uninstall its package",
+            fault="failed",
+            about=effect.name,
+        ) from error
 
 
 @dataclass(frozen=True)
