@@ -37,6 +37,10 @@ _HINTS = (
     ({"sense"}, "backlash, or a measuring system that is dragged along"),
 )
 """Words that stand in the drivers of a dependence → what has such a shape; the first counts."""
+_DRAGGED = (
+    "a part that the motion of another axis drags or tilts, such as a drag chain, a cover or a"
+    " counterweight"
+)
 
 
 def hints(dependence: Dependence) -> list[str]:
@@ -44,6 +48,8 @@ def hints(dependence: Dependence) -> list[str]:
     drivers = " ".join(dependence.drivers)
     for words, hint in _HINTS:
         if all(word in drivers for word in words):
+            if "sense" in words and f"the sense of {dependence.acts_on}'s" not in drivers:
+                return [_DRAGGED]
             if dependence.acts_on == READING and words == {"place"}:
                 return ["a refractive index that differs along the path of the beam"]
             return [hint]

@@ -14,7 +14,10 @@ def of(acts_on, *drivers):
     ("dependence", "word"),
     [
         (of("Y", "the place of X", "the place of Z"), "bends under a load"),
-        (of("Z", "the place of X", "the sense of Y's last move"), "backlash"),
+        (of("Z", "the place of X", "the sense of Z's last move"), "backlash"),
+        (of("Y", "the sense of Y's last move"), "backlash"),
+        (of("Z", "the place of X", "the sense of Y's last move"), "drag chain"),
+        (of("Z", "the sense of Y's last move"), "drag chain"),
         (of("X", "the time since X turned round"), "creeps"),
         (of("X", "time, periodically"), "cooler"),
         (of("Y", "the place of X", "the material temperature"), "warms up"),
