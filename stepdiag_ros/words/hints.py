@@ -2,6 +2,7 @@
 
 from stepdiag_ros.metrology.discrepancy.findings import Dependence
 from stepdiag_ros.metrology.effects.learned_shape import READING
+from stepdiag_ros.metrology.geometry import AXES
 
 _HINTS = (
     (
@@ -48,7 +49,8 @@ def hints(dependence: Dependence) -> list[str]:
     drivers = " ".join(dependence.drivers)
     for words, hint in _HINTS:
         if all(word in drivers for word in words):
-            if "sense" in words and f"the sense of {dependence.acts_on}'s" not in drivers:
+            own = f"the sense of {dependence.acts_on}'s"
+            if "sense" in words and dependence.acts_on in AXES and own not in drivers:
                 return [_DRAGGED]
             if dependence.acts_on == READING and words == {"place"}:
                 return ["a refractive index that differs along the path of the beam"]
