@@ -18,6 +18,7 @@ def of(acts_on, *drivers):
         (of("Y", "the sense of Y's last move"), "backlash"),
         (of("Z", "the place of X", "the sense of Y's last move"), "drag chain"),
         (of("Z", "the sense of Y's last move"), "drag chain"),
+        (of("reading", "the sense of Y's last move"), "measuring system"),
         (of("X", "the time since X turned round"), "creeps"),
         (of("X", "time, periodically"), "cooler"),
         (of("Y", "the place of X", "the material temperature"), "warms up"),
