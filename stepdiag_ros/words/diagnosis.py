@@ -50,7 +50,7 @@ MEANING = {
 def readable(size: Size) -> tuple[str, float]:
     """Return the unit in which people read a size, and the factor from SI."""
     if size.unit == "1":
-        relative = max(abs(size.low), abs(size.high)) <= _SMALL
+        relative = size.largest <= _SMALL
         return ("µm/m", IN_MICRO) if relative else ("", 1.0)
     return readable_unit(size.unit)
 

@@ -155,7 +155,7 @@ def signatures(
 
 def _more_than_rounding(columns: Vector, effect: Effect) -> Vector:
     """Return the columns of sizes, zero where the largest plausible size changes no reading."""
-    largest = np.array([max(abs(size.low), abs(size.high)) for size in effect.sizes])
+    largest = np.array([size.largest for size in effect.sizes])
     shown = np.max(np.abs(columns), axis=0, initial=0.0) * largest > _ROUNDING
     return np.where(shown | ~np.isfinite(largest), columns, 0.0)
 
@@ -386,11 +386,11 @@ def limits(found: Signatures, threshold: float) -> tuple[dict[str, float], dict[
         which = int(np.flatnonzero(found.lengths[place] > 0.0)[0])
         limit = float(needed / found.lengths[place][which])
         size = candidate.effect.sizes[which]
-        if limit > max(abs(size.low), abs(size.high)):
+        if limit > size.largest:
             unit = "" if size.unit == "1" else f" {size.unit}"
             hidden[candidate.label] = (
                 f"it would be seen only beyond {limit:.2g}{unit} ({size.meaning}), larger than is "
-                f"plausible ({max(abs(size.low), abs(size.high)):.2g}{unit})"
+                f"plausible ({size.largest:.2g}{unit})"
             )
         else:
             seen[candidate.label] = limit

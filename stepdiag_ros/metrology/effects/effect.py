@@ -48,6 +48,11 @@ class Size:
     high: float
     meaning: str
 
+    @property
+    def largest(self) -> float:
+        """Return the largest plausible magnitude."""
+        return max(abs(self.low), abs(self.high))
+
 
 @dataclass(frozen=True)
 class Change:
@@ -193,8 +198,9 @@ class Effect(ABC):
             ArithmeticError: they do not.
             ValueError: the run lacks what the effect needs.
         """
-        largest = {size.name: max(size.low, size.high, key=abs) for size in self.sizes}
-        sizes = {name: value if np.isfinite(value) else 1.0 for name, value in largest.items()}
+        sizes = {
+            size.name: size.largest if np.isfinite(size.largest) else 1.0 for size in self.sizes
+        }
         twice = {name: 2.0 * value for name, value in sizes.items()}
         one = ActiveEffect(self, setting, sizes).readings(stops)
         two = ActiveEffect(self, setting, twice).readings(stops)
