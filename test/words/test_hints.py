@@ -16,6 +16,7 @@ def of(acts_on, *drivers):
         (of("Y", "the place of X", "the place of Z"), "bends under a load"),
         (of("Z", "the place of X", "the sense of Z's last move"), "backlash"),
         (of("Y", "the sense of Y's last move"), "backlash"),
+        (of("X", "the sense of X's last move", "the sense of Y's last move"), "backlash"),
         (of("Z", "the place of X", "the sense of Y's last move"), "drag chain"),
         (of("Z", "the sense of Y's last move"), "drag chain"),
         (of("reading", "the sense of Y's last move"), "measuring system"),
