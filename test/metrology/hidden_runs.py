@@ -12,10 +12,11 @@ NOISE = 0.1e-6
 BOTH = ("forward", "backward")
 
 
-def hidden_run(*effects, seed=5, shape=None, **plan):
+def hidden_run(*effects, seed=5, machine=None, shape=None, plan=None, **changed):
     """Return a simulated run with hidden effects, and perhaps a shape that has no name."""
-    plan = {"blocks": 7, "repeats": 2, "directions": BOTH, "orders": ("XYZ", "YZX"), **plan}
-    run = simulate(make_plan(**plan), make_cell(seed=seed, noise=NOISE), seed)
+    usual = {"blocks": 7, "repeats": 2, "directions": BOTH, "orders": ("XYZ", "YZX")}
+    plan = plan or make_plan(**{**usual, **changed})
+    run = simulate(plan, make_cell(seed=machine or seed, noise=NOISE), seed)
     stops = stops_of(run)
     added = sum((effect.readings(stops) for effect in effects), np.zeros(len(stops.time)))
     if shape is not None:

@@ -517,6 +517,13 @@ class OutOfProportion(Foreign):
         return Change(reading=np.sqrt(np.abs(sizes["size"])) * stops.time)
 
 
+class InMicrometres(Foreign):
+    sizes = (Size("size", "m", -50.0, 50.0, "of it, in µm"),)
+
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(reading=sizes["size"] * stops.share[:, 0])
+
+
 class Undeclared(Foreign):
     def settings(self, stops):  # noqa: ARG002
         yield {"axis": "X"}
@@ -532,6 +539,7 @@ class OtherNames(Undeclared):
         (Misspelt, ("KeyError", "'sise'")),
         (WrongAxis, ("LookupError", "'y'", "X, Y, Z")),
         (OutOfProportion, ("ArithmeticError",)),
+        (InMicrometres, ("ArithmeticError", "50 m")),
         (Undeclared, ("LookupError", "axis", "none")),
         (OtherNames, ("LookupError", "'X'", "Y, Z")),
     ],

@@ -124,7 +124,7 @@ def signatures(
                     continue
                 try:
                     if tried == 1:
-                        effect.check_proportion(setting, stops)
+                        effect.check_change(setting, stops)
                     columns = _more_than_rounding(effect.columns(setting, stops)[good], effect)
                     blurred = "displacement" in effect.needs and _blurred(
                         columns, effect.columns(setting, again)[good]

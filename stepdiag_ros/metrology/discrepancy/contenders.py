@@ -11,6 +11,7 @@ import numpy as np
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere
+from stepdiag_ros.metrology.discrepancy.fading import fading
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
 from stepdiag_ros.metrology.discrepancy.loose import loosened
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker
@@ -48,7 +49,8 @@ class Contenders:
         stops = diagnosis.stops
         baseline = fit_baseline(measurement, stops, known, fitted, curves)
         baseline = loosened(baseline, stops, diagnosis.loose)
-        problem = whitened(baseline, diagnosis.noise, diagnosis.noise_correlation)
+        self._problem = problem = whitened(baseline, diagnosis.noise, diagnosis.noise_correlation)
+        self._stops = stops
         taken = {(one.effect.name, one.effect.label(one.setting)) for one in fitted}
         self._found = signatures(catalogue, stops, problem, taken)
         self._findings = diagnosis.findings
@@ -86,4 +88,13 @@ class Contenders:
             if evidence[place] > top - _BEHIND and not candidate.is_bound:
                 chance = finding.probability * float(np.exp(min(evidence[place] - top, 0.0)))
                 made.setdefault(name, Rival(candidate, max(chance, _UNLIKELY)))
+        fades = fading(
+            finding.candidate,
+            [one.candidate for one in self._findings if one is not finding],
+            self._problem,
+            self._stops,
+        )
+        if fades is not None:
+            chance = max(finding.probability * min(fades.odds, 1.0), _UNLIKELY)
+            made[fades.candidate.label] = Rival(fades.candidate, chance)
         return list(made.values())

@@ -10,6 +10,7 @@ from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened, fit_
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
 from stepdiag_ros.metrology.discrepancy.described import described, description_worth
+from stepdiag_ros.metrology.discrepancy.fading import or_fading
 from stepdiag_ros.metrology.discrepancy.findings import (
     CONSISTENT_LEVEL,
     Diagnosis,
@@ -283,7 +284,8 @@ def _described(run: _Run, result: _Result, diagnosis: Diagnosis, evidence: float
             made = described(made, scatter, other.problem, other.selection, other.noise, run.seed)
             if made.verdict == verdicts.DESCRIBED:
                 return made
-    return described(diagnosis, evidence, result.problem, result.selection, result.noise, run.seed)
+    made = described(diagnosis, evidence, result.problem, result.selection, result.noise, run.seed)
+    return or_fading(made, result.problem)
 
 
 def _same(result: _Result, noise: Noise, loose: Loose) -> bool:

@@ -266,7 +266,7 @@ def _places(stops: Stops) -> Iterator[tuple[str, Vector, Vector]]:
         yield f"whole passes, as far as they go along {letter}", np.zeros_like(beam), beam
     share = _along(stops)
     bent = 4.0 * share * (1.0 - share)
-    yield "the middle of a line against its ends", bent, bent
+    yield "the middle of lines, opposite to their ends", bent, bent
 
 
 def _along(stops: Stops) -> Vector:

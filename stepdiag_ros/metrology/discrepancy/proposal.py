@@ -36,6 +36,7 @@ from stepdiag_ros.metrology.discrepancy.judging import (
 )
 from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
+from stepdiag_ros.metrology.effects.learned_shape import fading_time
 from stepdiag_ros.metrology.effects.servo_lag import EFFECT as SERVO_LAG
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
 from stepdiag_ros.metrology.effects.trigger_delay import EFFECT as TRIGGER_DELAY
@@ -204,10 +205,12 @@ def propose(
 
     whole = contests(groups)
     axes = axes_at_hand(line.line for line in measurement.lines)
-    paced = any(_of_pace(one) for group in groups for one in group)
+    everybody = [one for group in groups for one in group]
+    paced = any(map(_of_pace, everybody))
+    fades = max(map(_fading_time, everybody))
     judge, lost, everything = _least_lost(
         (Judge(whole, measurement, stops, diagnosis, conditions, curves or {}), lines)
-        for conditions, lines in _ways(basis, measurement.volume, axes, paced)
+        for conditions, lines in _ways(basis, measurement.volume, axes, paced, fades)
     )
     few = [_few(group) for group in groups]
     some = [[group[place] for place in places] for group, places in zip(groups, few, strict=True)]
@@ -217,13 +220,21 @@ def propose(
 
 
 def _ways(
-    basis: Plan, box: Volume, axes: str, paced: bool
+    basis: Plan, box: Volume, axes: str, paced: bool, fades: float
 ) -> Iterator[tuple[Plan, tuple[Option, ...]]]:
-    """Yield conditions and all lines under them, those that are the least trouble first."""
+    """Yield conditions and all lines under them, those that are the least trouble first.
+
+    Args:
+        basis: feed and sampling of the run.
+        box: of the run.
+        axes: that move.
+        paced: a rival depends on how fast moves and stops follow one another.
+        fades: time constant of a rival that fades after a reversal, s: in the slow passes it
+            fades to a twentieth.
+    """
+    dwell = max(_SLOWER * basis.sampling.dwell, 3.0 * fades / box.blocks)
     slow = replace(
-        basis,
-        feed=basis.feed / _LESS_FEED,
-        sampling=replace(basis.sampling, dwell=_SLOWER * basis.sampling.dwell),
+        basis, feed=basis.feed / _LESS_FEED, sampling=replace(basis.sampling, dwell=dwell)
     )
     once, often = (alignments(box, several, axes) for several in (False, True))
     mounted = (*once, *mounted_elsewhere(axes))
@@ -237,7 +248,13 @@ def _ways(
 
 def _of_pace(rival: Rival) -> bool:
     """Say whether an effect depends on how fast moves and stops follow one another."""
-    return rival.candidate.effect.name in (SERVO_LAG.name, TRIGGER_DELAY.name)
+    named = rival.candidate.effect.name in (SERVO_LAG.name, TRIGGER_DELAY.name)
+    return named or _fading_time(rival) > 0.0
+
+
+def _fading_time(rival: Rival) -> float:
+    """Return the time constant of what fades after a reversal, s; 0 if the rival does not fade."""
+    return fading_time(str(rival.candidate.setting.get("shape", "")))
 
 
 def _or_axes_that_turn(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:

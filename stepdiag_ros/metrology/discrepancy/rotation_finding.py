@@ -53,11 +53,17 @@ def beside_rotations(diagnosis: Diagnosis, rotations: RotationTest, ahead: float
     return shaken_by(rival, diagnosis)
 
 
-def shaken_by(rival: RunnerUp, diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis whose first finding has one more rival that is not ruled out."""
-    first, *others = diagnosis.findings
-    shaken = replace(first, runners_up=(*first.runners_up, rival), over=False, equivalent=())
-    findings = (shaken, *others)
+def shaken_by(rival: RunnerUp, diagnosis: Diagnosis, place: int = 0) -> Diagnosis:
+    """Return a diagnosis of which one finding has one more rival that is not ruled out.
+
+    Args:
+        rival: of the finding.
+        diagnosis: by the effects of the catalogue.
+        place: of the finding.
+    """
+    shaken = diagnosis.findings[place]
+    shaken = replace(shaken, runners_up=(*shaken.runners_up, rival), over=False, equivalent=())
+    findings = (*diagnosis.findings[:place], shaken, *diagnosis.findings[place + 1 :])
     verdict, sentence = explained_by(findings)
     return replace(diagnosis, verdict=verdict, sentence=sentence, findings=findings)
 

@@ -15,6 +15,8 @@ from stepdiag_ros.metrology.registry import raised
 
 Setting = Mapping[str, Any]
 """Where and how an effect acts: names → a name of an axis or line, or a number that shapes it."""
+_LARGEST_CHANGE = 0.1
+"""m: what changes a reading by more is not in SI units."""
 
 
 @dataclass(frozen=True)
@@ -191,11 +193,11 @@ class Effect(ABC):
                     f" {', '.join(key.kind)}"
                 )
 
-    def check_proportion(self, setting: Setting, stops: Stops) -> None:
-        """Check that sizes twice as large change the readings by twice as much.
+    def check_change(self, setting: Setting, stops: Stops) -> None:
+        """Check that sizes are in SI units, and that twice the size changes twice as much.
 
         Raises:
-            ArithmeticError: they do not.
+            ArithmeticError: they are not, or it does not.
             ValueError: the run lacks what the effect needs.
         """
         sizes = {
@@ -203,6 +205,11 @@ class Effect(ABC):
         }
         twice = {name: 2.0 * value for name, value in sizes.items()}
         one = ActiveEffect(self, setting, sizes).readings(stops)
+        if np.nanmax(np.abs(one), initial=0.0) > _LARGEST_CHANGE:
+            raise ArithmeticError(
+                f"its largest sizes change a reading by {np.nanmax(np.abs(one)):.3g} m; give"
+                " 'low' and 'high' in SI units: m and rad, not µm and µrad"
+            )
         two = ActiveEffect(self, setting, twice).readings(stops)
         if not np.allclose(two, 2.0 * one, rtol=1e-6, atol=1e-12, equal_nan=True):
             raise ArithmeticError(

@@ -54,6 +54,7 @@ THE_LINE = "the line"
 """Words for a shape that acts on some lines only, wherever the machine is."""
 _OF = rf"([xyz]|{PATH})"
 _NUMBER = r"(\d+(?:\.\d+)?)"
+_CREEP = re.compile(rf"creep ([xyz]) {_NUMBER}s")
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def _forms_of_motion() -> Iterator[_Form]:
         lambda axis: (f"sense_{axis.upper()}",),
     )
     yield (
-        re.compile(rf"creep ([xyz]) {_NUMBER}s"),
+        _CREEP,
         _creep,
         lambda axis, *_: f"the time since {axis.upper()} turned round",
         lambda axis, *_: (f"sense_{axis.upper()}", f"since_reversal_{axis.upper()}_s"),
@@ -241,6 +242,12 @@ def driver(text: str) -> str:
 def factors(shape: str) -> list[str]:
     """Return the factors of a shape."""
     return [text.strip() for text in shape.split(TIMES.strip())]
+
+
+def fading_time(shape: str) -> float:
+    """Return the longest time constant of what fades after a reversal, s; 0 if nothing does."""
+    creeps = [_CREEP.fullmatch(text) for text in factors(shape)]
+    return max((float(creep[2]) for creep in creeps if creep), default=0.0)
 
 
 def quantities(shape: str) -> tuple[str, ...]:
