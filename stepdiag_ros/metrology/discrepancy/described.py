@@ -30,8 +30,12 @@ from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
 
 _EXPLAINED = (CONSISTENT, NAMED, AMBIGUOUS)
+WITHOUT_A_NAME = "something without a name"
+"""A rival of names that is a formula."""
 _APART = 9.0
 """χ² between what two explanations leave of the readings below which these say the same."""
+_SHARE_APART = 0.2
+"""The same, as a share of what they take of the readings."""
 _LARGEST = 3_000_000
 """Readings times free values of a run beyond which the search would take minutes."""
 
@@ -168,36 +172,38 @@ def _made(
 
 
 def _says_the_same(named: Diagnosis, described: Diagnosis) -> bool:
-    """Say whether one name leaves the same readings as a formula of no fewer terms."""
-    if len(named.findings) != 1 or named.findings[0].candidate.effect.typical:
+    """Say whether names leave the same readings as a formula of no fewer terms."""
+    if any(one.candidate.effect.typical for one in named.findings):
         return False
-    apart = (named.residual_after - described.residual_after) / named.noise
-    fewer = len(described.findings) < len(named.findings[0].sizes)
-    return bool(np.nansum(apart**2) < _APART) and not fewer
+    apart = named.residual_after - described.residual_after
+    taken = named.residual_before - named.residual_after
+    squares, whole = (float(np.nansum((one / named.noise) ** 2)) for one in (apart, taken))
+    fewer = len(described.findings) < sum(len(one.sizes) for one in named.findings)
+    return squares < min(_APART, _SHARE_APART * whole) and not fewer
 
 
 def _or_without_a_name(diagnosis: Diagnosis, shapes: Shapes, ahead: float) -> Diagnosis:
-    """Return a diagnosis of one name that says that a description cannot be ruled out either.
+    """Return a diagnosis by names that says that a description cannot be ruled out either.
 
     Args:
         diagnosis: by names.
-        shapes: by which the run is described.
+        shapes: by which the run is described without any of them.
         ahead: evidence of the description over that of the names.
     """
-    if len(diagnosis.findings) != 1:
-        return diagnosis
     chance = float(np.exp(ahead))
     words = " and ".join(dict.fromkeys(one.words for one in shapes.dependences))
     count = sum(len(one.shapes) for one in shapes.dependences)
     rival = RunnerUp(
-        f"something without a name ({words})",
+        f"{WITHOUT_A_NAME} ({words})",
         shapes.gain,
         chance / (1.0 + chance),
         f"lowers χ² by {shapes.gain:.3g} with a formula of {count} terms: odds {chance:.2g} to 1,"
         " too close to rule out",
         ambiguous=True,
     )
-    return shaken_by(rival, diagnosis)
+    for place in range(len(diagnosis.findings)):
+        diagnosis = shaken_by(rival, diagnosis, place)
+    return diagnosis
 
 
 def _unfitted(shapes: Shapes) -> list[Finding]:

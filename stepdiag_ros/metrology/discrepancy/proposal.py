@@ -20,6 +20,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline
 from stepdiag_ros.metrology.discrepancy.contenders import Contenders
+from stepdiag_ros.metrology.discrepancy.described import WITHOUT_A_NAME
 from stepdiag_ros.metrology.discrepancy.extra_lines import (
     Option,
     alignments,
@@ -183,13 +184,13 @@ def propose(
 
         catalogue = installed().values()
     everyone = Contenders(measurement, diagnosis, known, catalogue, fitted, curves or {})
-    turning = _or_axes_that_turn(unclear)
+    undecided = _no_line_decides(unclear)
     found = [(finding, everyone.rivals(finding)) for finding in unclear]
     unclear = [finding for finding, rivals in found if len(rivals) > 1]
     groups = [rivals for _, rivals in found if len(rivals) > 1]
     if not unclear:
-        labels = tuple(one.labels for one in turning)
-        return ExtraPlan(labels, None, float("nan"), float("nan"), (), turning)
+        labels = tuple(one.labels for one in undecided)
+        return ExtraPlan(labels, None, float("nan"), float("nan"), (), undecided)
 
     def contests(some: Sequence[Sequence[Rival]]) -> list[Contest]:
         return [
@@ -216,7 +217,7 @@ def propose(
     some = [[group[place] for place in places] for group, places in zip(groups, few, strict=True)]
     search = _Search(judge, judge.among(few, contests(some)), everything, seconds)
     proposal = search.proposal(lost)
-    return replace(proposal, left_open=(*proposal.left_open, *turning))
+    return replace(proposal, left_open=(*proposal.left_open, *undecided))
 
 
 def _ways(
@@ -257,15 +258,21 @@ def _fading_time(rival: Rival) -> float:
     return fading_time(str(rival.candidate.setting.get("shape", "")))
 
 
-def _or_axes_that_turn(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
-    """Return which findings have rotations of all axes as rivals, which no line here decides."""
+def _no_line_decides(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
+    """Return which findings have rivals that no further line is sought for, and what to do."""
     turning = SEVERAL_ANGULAR_ERRORS.name
     advice = "measure the angular errors, or step diagonals in several orders of the axes"
-    found = [labels for one in unclear if turning in (labels := (one.label, *one.ambiguous))]
-    return tuple(
-        LeftOpen(labels, f"{', '.join(sorted({*labels} - {turning}))} or axes that turn: {advice}.")
-        for labels in found
-    )
+    made = []
+    for labels in [(one.label, *one.ambiguous) for one in unclear]:
+        if turning in labels:
+            others = ", ".join(sorted({*labels} - {turning}))
+            made.append(LeftOpen(labels, f"{others} or axes that turn: {advice}."))
+        if any(label.startswith(WITHOUT_A_NAME) for label in labels):
+            named = ", ".join(one for one in labels if not one.startswith(WITHOUT_A_NAME))
+            made.append(
+                LeftOpen(labels, f"{named} or {WITHOUT_A_NAME}: measure the same lines again.")
+            )
+    return tuple(made)
 
 
 def _least_lost(
