@@ -19,8 +19,8 @@ from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.planning.separation import propose_extra
 
 CATALOGUE = (ANGULAR, BACKLASH)
-SIZE, CONSTANT = 0.5e-6, 15.0
-"""m, s; between two reversals of X, which are at most 23 s apart, the creep fades to a fifth."""
+SIZE, CONSTANT = 1e-6, 20.0
+"""m, s; X turns round after 23 s at most, when the creep has faded to a third."""
 RUN = make_plan(blocks=7, repeats=2, directions=BOTH, orders=("XYZ", "YZX"))
 
 

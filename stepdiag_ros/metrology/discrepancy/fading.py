@@ -23,7 +23,8 @@ from stepdiag_ros.metrology.discrepancy.loose import span_beyond, unit_span
 from stepdiag_ros.metrology.discrepancy.rotation_finding import shaken_by
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
 from stepdiag_ros.metrology.discrepancy.siblings import ONE_OF_AXES
-from stepdiag_ros.metrology.discrepancy.structure import EACH_QUANTITY, creeps
+from stepdiag_ros.metrology.discrepancy.structure import creeps
+from stepdiag_ros.metrology.effects.domain import since_reversal
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
 from stepdiag_ros.metrology.effects.learned_shape import product_of
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -31,6 +32,12 @@ from stepdiag_ros.metrology.geometry import AXES, Vector
 
 _RATIO = 2.0**0.5
 """Of one time constant to the next."""
+_MOST = 0.9
+"""Share of the stops that come sooner after a reversal than the longest time constant."""
+_RARER = 1.0 / 60.0
+"""Odds of a creep before the readings: every machine has backlash. For odds of 1 to 20 after them,
+they must favour the creep by 3 to 1 ("positive evidence", Kass & Raftery 1995, J. Am. Stat. Assoc.
+90, 773)."""
 _SAME = 1e-9
 """1 - |cosine| of two changes of all readings that differ by rounding only."""
 
@@ -55,9 +62,8 @@ def fading(
 ) -> Fading | None:
     """Return the rival of a candidate that lasts as long as an axis keeps its sense.
 
-    Time constants from the time between stops to the longest time without a reversal are equally
-    likely; what fades more slowly lasts, for this run. A sense that fades depends on two
-    quantities, and is less likely by what a quantity costs any description (``structure``).
+    Time constants are equally likely, from the time between stops to that since a reversal at
+    most stops; what fades more slowly lasts, for this run.
 
     Args:
         lasting: the named candidate.
@@ -77,7 +83,9 @@ def fading(
         raw[:, 0], along * product_of(f"sense {axis.lower()}", stops)
     ):
         return None
-    shapes = creeps(axis.lower(), stops, _RATIO)
+    shapes = creeps(
+        axis.lower(), stops, _RATIO, float(np.quantile(since_reversal(stops, axis), _MOST))
+    )
     fades = [along * product_of(shape, stops) for shape in shapes]
     free = [lasting.effect.unknown(lasting.setting, stops), *(one.free(stops) for one in others)]
     beside = span_beyond(problem, np.column_stack(free))
@@ -91,7 +99,7 @@ def fading(
     return Fading(
         Candidate(LEARNED, setting, LEARNED.label(setting)),
         float(gains[1 + best]),
-        float(np.exp(logsumexp(ahead) - np.log(len(shapes)) - EACH_QUANTITY)),
+        float(np.exp(logsumexp(ahead) - np.log(len(shapes)))) * _RARER,
     )
 
 

@@ -30,7 +30,7 @@ _LEAST_WARMING = 0.05
 """K: a temperature that changes by less is not tried as a cause."""
 _PERIODS = 80
 """Periods of a periodic change that are tried, from the duration of the run down."""
-EACH_QUANTITY = float(np.log(3.0))
+_EACH_QUANTITY = float(np.log(3.0))
 """Evidence that each quantity costs a family, beside the number of such families."""
 _READING_BY_PLACE = float(np.log(20.0))
 """Evidence that a reading costs which depends on a place otherwise than by a displacement."""
@@ -104,7 +104,7 @@ def _constants(low: float, high: float, ratio: float) -> tuple[str, ...]:
 def window(begin: float, end: float) -> Family:
     """Return the family of a reading that is shifted between two times, s."""
     shape = f"from {begin:.1f}s to {end:.1f}s"
-    return Family(READING, (driver(shape),), (shape,), ((shape,),), EACH_QUANTITY)
+    return Family(READING, (driver(shape),), (shape,), ((shape,),), _EACH_QUANTITY)
 
 
 def _plain(value: float) -> str:
@@ -133,8 +133,10 @@ def _drivers(stops: Stops) -> list[_Driver]:
             sense = (f"sense {letter}",)
             made.append(_Driver("sense", sense, sense, sense))
             if timed:
-                coarse = creeps(letter, stops, 4.0)
-                fine = creeps(letter, stops, 2.0**0.5, longest=2.0)
+                # What hardly fades before the axis turns round again depends on the sense alone.
+                longest = float(np.max(since_reversal(stops, letter)))
+                coarse = creeps(letter, stops, 4.0, longest)
+                fine = creeps(letter, stops, 2.0**0.5, 2.0 * longest)
                 made.append(_Driver("creep", coarse, coarse, fine))
     if timed:
         made.append(_time(duration))
@@ -146,20 +148,17 @@ def _drivers(stops: Stops) -> list[_Driver]:
     return made
 
 
-def creeps(axis: str, stops: Stops, ratio: float, longest: float = 1.0) -> tuple[str, ...]:
+def creeps(axis: str, stops: Stops, ratio: float, longest: float) -> tuple[str, ...]:
     """Return factors of what fades after an axis turned round.
-
-    What hardly fades before the axis turns round again depends on nothing but the sense.
 
     Args:
         axis: x, y or z.
         stops: of a run that states its times.
-        ratio: of one time constant to the next.
-        longest: time constant, as a share of the longest time without a reversal.
+        ratio: of one time constant to the next, at most.
+        longest: time constant, s; the shortest is the time from stop to stop.
     """
     pause = _pause(stops)
-    most = max(longest * float(np.max(since_reversal(stops, axis))), pause)
-    return tuple(f"creep {axis} {one}s" for one in _constants(pause, most, ratio))
+    return tuple(f"creep {axis} {one}s" for one in _constants(pause, max(longest, pause), ratio))
 
 
 def _time(duration: float) -> _Driver:
@@ -215,7 +214,7 @@ def _of(acts_on: str, drivers: tuple[_Driver, ...]) -> Iterator[Family]:
     # A sense that fades with time is two quantities.
     quantities = len(drivers) + sum(one.kind == "creep" for one in drivers)
     by_place = acts_on == READING and any(one.kind == "place" for one in drivers)
-    price = EACH_QUANTITY * quantities + _READING_BY_PLACE * by_place
+    price = _EACH_QUANTITY * quantities + _READING_BY_PLACE * by_place
     words = tuple(one.words for one in drivers)
     finer = tuple(one.some if several else one.many for one in drivers)
     plain = _products([one.few for one in drivers])
@@ -241,7 +240,7 @@ def _swings(acts_on: str, stops: Stops) -> Iterator[Family]:
             shapes = _products((waving, (f"{other.lower()}^1",)))
             names = (driver(waving[0]), driver(f"{other.lower()}^1"))
             factors = (waving, _place(other.lower()).some)
-            yield Family(acts_on, names, shapes, factors, 2.0 * EACH_QUANTITY)
+            yield Family(acts_on, names, shapes, factors, 2.0 * _EACH_QUANTITY)
 
 
 def _paths(stops: Stops) -> Iterator[Family]:
@@ -250,7 +249,7 @@ def _paths(stops: Stops) -> Iterator[Family]:
     path = _place(PATH)
     names = (driver(lines[0]), path.words)
     shapes = _products((lines, path.some))
-    yield Family(READING, names, shapes, (lines, path.many), 2.0 * EACH_QUANTITY)
+    yield Family(READING, names, shapes, (lines, path.many), 2.0 * _EACH_QUANTITY)
 
 
 def _turns(error: str, drivers: Sequence[_Driver]) -> Iterator[Family]:
@@ -262,7 +261,7 @@ def _turns(error: str, drivers: Sequence[_Driver]) -> Iterator[Family]:
             shapes = _products((few, other.few))
             names = (place.words, other.words)
             groups = (place.some, other.some)
-            yield Family(error, names, shapes, groups, 2.0 * EACH_QUANTITY)
+            yield Family(error, names, shapes, groups, 2.0 * _EACH_QUANTITY)
 
 
 def _products(factors: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
@@ -279,7 +278,7 @@ def _periodic(acts_on: str, stops: Stops) -> Iterator[Family]:
     for waves in np.arange(2.0, highest, 0.5):
         period = _plain(stops.duration / waves)
         shapes = (f"sin t/{period}s", f"cos t/{period}s")
-        yield Family(acts_on, (driver(shapes[0]),), shapes, (shapes,), EACH_QUANTITY)
+        yield Family(acts_on, (driver(shapes[0]),), shapes, (shapes,), _EACH_QUANTITY)
 
 
 def factors_of(stops: Stops) -> Mapping[str, Vector]:
