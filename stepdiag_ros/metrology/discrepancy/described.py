@@ -67,11 +67,11 @@ def described(
     ahead = -np.inf if alone is None else alone.evidence - evidence
     if alone is not None and (not explained or ahead > -np.log(EVIDENCE_RATIO)):
         made = _made(diagnosis, alone, problem, (), noise)
-        if explained and _says_the_same(diagnosis, made):
+        if explained and says_the_same(diagnosis, made):
             return diagnosis
         if made.lack_of_fit_p_after >= CONSISTENT_LEVEL:
             clearly = not explained or ahead > np.log(EVIDENCE_RATIO)
-            return made if clearly else _or_without_a_name(diagnosis, alone, ahead)
+            return made if clearly else or_without_a_name(diagnosis, alone, ahead)
     if explained:
         return diagnosis
     names = len(selection.chosen)
@@ -171,7 +171,7 @@ def _made(
     )
 
 
-def _says_the_same(named: Diagnosis, described: Diagnosis) -> bool:
+def says_the_same(named: Diagnosis, described: Diagnosis) -> bool:
     """Say whether names leave the same readings as a formula of no fewer terms."""
     if any(one.candidate.effect.typical for one in named.findings):
         return False
@@ -182,7 +182,7 @@ def _says_the_same(named: Diagnosis, described: Diagnosis) -> bool:
     return squares < min(_APART, _SHARE_APART * whole) and not fewer
 
 
-def _or_without_a_name(diagnosis: Diagnosis, shapes: Shapes, ahead: float) -> Diagnosis:
+def or_without_a_name(diagnosis: Diagnosis, shapes: Shapes, ahead: float) -> Diagnosis:
     """Return a diagnosis by names that says that a description cannot be ruled out either.
 
     Args:
