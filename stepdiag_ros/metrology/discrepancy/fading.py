@@ -6,12 +6,13 @@ lines show which of the two it is.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
+from stepdiag_ros.metrology.discrepancy.described import WITHOUT_A_NAME
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     NAMED,
@@ -23,10 +24,10 @@ from stepdiag_ros.metrology.discrepancy.loose import span_beyond, unit_span
 from stepdiag_ros.metrology.discrepancy.rotation_finding import shaken_by
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
 from stepdiag_ros.metrology.discrepancy.siblings import ONE_OF_AXES
-from stepdiag_ros.metrology.discrepancy.structure import creeps
+from stepdiag_ros.metrology.discrepancy.structure import FADING, creeps
 from stepdiag_ros.metrology.effects.domain import since_reversal
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
-from stepdiag_ros.metrology.effects.learned_shape import product_of
+from stepdiag_ros.metrology.effects.learned_shape import driver, fading_time, product_of
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
 
@@ -34,10 +35,6 @@ _RATIO = 2.0**0.5
 """Of one time constant to the next."""
 _MOST = 0.9
 """Share of the stops that come sooner after a reversal than the longest time constant."""
-_RARER = 1.0 / 60.0
-"""Odds of a creep before the readings: every machine has backlash. For odds of 1 to 20 after them,
-they must favour the creep by 3 to 1 ("positive evidence", Kass & Raftery 1995, J. Am. Stat. Assoc.
-90, 773)."""
 _SAME = 1e-9
 """1 - |cosine| of two changes of all readings that differ by rounding only."""
 
@@ -99,7 +96,7 @@ def fading(
     return Fading(
         Candidate(LEARNED, setting, LEARNED.label(setting)),
         float(gains[1 + best]),
-        float(np.exp(logsumexp(ahead) - np.log(len(shapes)))) * _RARER,
+        float(np.exp(logsumexp(ahead) - np.log(len(shapes)) - FADING)),
     )
 
 
@@ -121,12 +118,28 @@ def or_fading(diagnosis: Diagnosis, problem: Whitened) -> Diagnosis:
         others = [one.candidate for one in diagnosis.findings if one is not finding]
         rival = fading(finding.candidate, others, problem, diagnosis.stops)
         if rival is not None and rival.odds * EVIDENCE_RATIO > 1.0:
-            why = (
-                f"fades after {finding.candidate.setting['axis']} turned round: odds"
-                f" {rival.odds:.2g} to 1, too close to rule out"
-            )
-            chance = rival.odds / (1.0 + rival.odds)
-            label = rival.candidate.label
-            runner_up = RunnerUp(label, rival.gain, chance, why, ambiguous=True)
-            diagnosis = shaken_by(runner_up, diagnosis, place)
+            diagnosis = shaken_by(_runner_up(rival), _without(rival, diagnosis, place), place)
     return diagnosis
+
+
+def _runner_up(rival: Fading) -> RunnerUp:
+    axis, shape = rival.candidate.setting["acts_on"], rival.candidate.setting["shape"]
+    why = (
+        f"fades in about {fading_time(shape):.2g} s after {axis} turned round: odds"
+        f" {rival.odds:.2g} to 1, too close to rule out"
+    )
+    chance = rival.odds / (1.0 + rival.odds)
+    return RunnerUp(rival.candidate.label, rival.gain, chance, why, ambiguous=True)
+
+
+def _without(rival: Fading, diagnosis: Diagnosis, place: int) -> Diagnosis:
+    """Return a diagnosis without the formula that says what a rival of a finding says."""
+    words = driver(rival.candidate.setting["shape"])
+    findings = list(diagnosis.findings)
+    kept = [
+        one
+        for one in findings[place].runners_up
+        if not (one.label.startswith(WITHOUT_A_NAME) and one.label.endswith(f"{words})"))
+    ]
+    findings[place] = replace(findings[place], runners_up=tuple(kept))
+    return replace(diagnosis, findings=tuple(findings))
