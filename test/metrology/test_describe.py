@@ -336,3 +336,23 @@ def test_a_run_that_does_not_state_its_times_is_not_searched_in_time():
     stops = replace(timed, time=np.full_like(timed.time, np.nan))
     drivers = {words for family in families(stops) for words in family.drivers}
     assert drivers and not any("time" in words for words in drivers)
+
+
+def test_what_physics_has_few_reasons_for_costs_more():
+    stops = stops_of(hidden_run())
+    warm = np.linspace(20.0, 21.0, len(stops.time))
+    stops = replace(stops, air_temperature=warm, material_temperature=warm[::-1])
+    price = {(one.acts_on, one.drivers): one.price for one in families(stops)}
+    air, material, sense, creep = (
+        (word,)
+        for word in (
+            "the air temperature",
+            "the material temperature",
+            "the sense of X's last move",
+            "the time since X turned round",
+        )
+    )
+    assert price["X", air] - price["X", material] == pytest.approx(np.log(20.0))
+    assert price["reading", material] - price["reading", air] == pytest.approx(np.log(20.0))
+    assert price["reading", sense] - price["X", sense] == pytest.approx(np.log(20.0))
+    assert price["X", creep] - price["X", sense] == pytest.approx(np.log(60.0))
