@@ -100,8 +100,8 @@ def _add_options(parser: ArgumentParser) -> None:
         "--propose",
         type=Path,
         metavar="PLAN",
-        help="where several effects may be the cause: write a short extra plan (YAML) that"
-        " distinguishes them, with the run's own box, feed and dwell",
+        help="where several effects or formulas may be the cause: write a short extra plan (YAML)"
+        " that distinguishes them, with the run's own box, feed and dwell",
     )
     add_common(
         parser, "seed", help="seed of the random draws that guard against false names (default: 0)"

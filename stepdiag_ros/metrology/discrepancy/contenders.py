@@ -12,7 +12,8 @@ from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere
 from stepdiag_ros.metrology.discrepancy.fading import fading
-from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.formula_rivals import FormulaRivals, Question
 from stepdiag_ros.metrology.discrepancy.loose import loosened
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker
 from stepdiag_ros.metrology.discrepancy.rivals import Rival
@@ -57,6 +58,19 @@ class Contenders:
         self._place = {one.label: place for place, one in enumerate(self._found.candidates)}
         luck = LookElsewhere(1.0, diagnosis.noise_degrees_of_freedom)
         self._ranker = Ranker(self._found, problem.gap, luck)
+        self._formulas = FormulaRivals(diagnosis, problem)
+
+    def questions(self) -> list[Question]:
+        """Return what is open: of each finding with rivals, and of each formula with rivals."""
+        made = [
+            Question(self.rivals(finding), self._beside(finding))
+            for finding in self._findings
+            if finding.ambiguous
+        ]
+        return [*made, *self._formulas.questions()]
+
+    def _beside(self, finding: Finding) -> list[Candidate]:
+        return [one.candidate for one in self._findings if one is not finding]
 
     def rivals(self, finding: Finding) -> list[Rival]:
         """Return a finding and what else may be the cause, one of each name, the finding first.
@@ -88,13 +102,8 @@ class Contenders:
             if evidence[place] > top - _BEHIND and not candidate.is_bound:
                 chance = finding.probability * float(np.exp(min(evidence[place] - top, 0.0)))
                 made.setdefault(name, Rival(candidate, max(chance, _UNLIKELY)))
-        fades = fading(
-            finding.candidate,
-            [one.candidate for one in self._findings if one is not finding],
-            self._problem,
-            self._stops,
-        )
+        fades = fading(finding.candidate, self._beside(finding), self._problem, self._stops)
         if fades is not None:
             chance = max(finding.probability * min(fades.odds, 1.0), _UNLIKELY)
             made[fades.candidate.label] = Rival(fades.candidate, chance)
-        return list(made.values())
+        return [*made.values(), *self._formulas.of_the_name(finding)]

@@ -12,7 +12,7 @@ shapes, and what these leave is looked at in the same way.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,6 +145,30 @@ class Describer:
         if not found:
             return None
         return Shapes(tuple(found), sum(one.worth for one in written))
+
+    def written(
+        self, span: Vector, wanted: Iterable[tuple[str, tuple[str, ...]]]
+    ) -> list[tuple[tuple[str, ...], float]]:
+        """Write the gap by each of some dependences alone, as a rival of the others.
+
+        Args:
+            span: what acts beside each, orthonormal columns, (rows, k).
+            wanted: ``acts_on`` and ``drivers`` of each.
+
+        Returns:
+            of each the shapes, empty if none is worth it, and its evidence.
+        """
+        gap = self._problem.gap - span @ (span.T @ self._problem.gap)
+        besides = self._besides(span)
+        weighed = [*self._weigh_all(gap, besides), *self._window(gap, span)]
+        made: list[tuple[tuple[str, ...], float]] = []
+        for dependence in wanted:
+            own = [one for one in weighed if one.dependence == dependence]
+            best = max(own, key=lambda one: one.evidence, default=None)
+            how = None if best is None else self._write(best, gap, besides[best.family.senses])
+            evidence = -np.inf if best is None else best.evidence
+            made.append(((), evidence) if how is None else (how.shapes, evidence))
+        return made
 
     def _is_more_than_noise(self, span: Vector) -> bool:
         """Say whether what is beyond a span is worth another look."""

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.discrepancy.extra_lines import Option, Weather, blank, plan_of
-from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis
-from stepdiag_ros.metrology.discrepancy.rivals import Contest, FurtherReadings
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis
+from stepdiag_ros.metrology.discrepancy.rivals import Contest, FurtherReadings, Rival
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
@@ -196,7 +196,7 @@ class Judge:
         alike = any(bool(np.any(one.asked & (one.overlap > _LARGEST_OVERLAP))) for one in judged)
         return not alike and certainty_of(judged, self.contests) >= self.target
 
-    def give_up(self, everything: tuple[Option, ...]) -> list[tuple[Candidate, Candidate]]:
+    def give_up(self, everything: tuple[Option, ...]) -> list[tuple[Rival, Rival]]:
         """Drop requests for pairs that not even all lines together distinguish; return these.
 
         Pairs that they distinguish in another weather are requested in that weather.
@@ -204,7 +204,7 @@ class Judge:
         Args:
             everything: all lines.
         """
-        lost: list[tuple[Candidate, Candidate]] = []
+        lost: list[tuple[Rival, Rival]] = []
         for weather, after in ((AS_BEFORE, SLOWER), (SLOWER, OTHERWISE), (OTHERWISE, None)):
             if not any(np.any(one) for one in self.asked[weather]):
                 continue
@@ -215,7 +215,7 @@ class Judge:
                     self.asked[after][one.contest] |= one.asked & pairs
                 else:
                     lost += [
-                        (rivals[i].candidate, rivals[j].candidate)
+                        (rivals[i], rivals[j])
                         for i, j in combinations(range(len(rivals)), 2)
                         if pairs[i, j]
                     ]

@@ -27,7 +27,7 @@ from stepdiag_ros.metrology.discrepancy.extra_lines import (
     mounted_elsewhere,
     parts,
 )
-from stepdiag_ros.metrology.discrepancy.findings import Candidate, Diagnosis, Finding
+from stepdiag_ros.metrology.discrepancy.findings import DESCRIBED, Diagnosis
 from stepdiag_ros.metrology.discrepancy.judging import (
     AS_BEFORE,
     SLOWER,
@@ -37,7 +37,7 @@ from stepdiag_ros.metrology.discrepancy.judging import (
 )
 from stepdiag_ros.metrology.discrepancy.rivals import Contest, Rival
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
-from stepdiag_ros.metrology.effects.learned_shape import fading_time
+from stepdiag_ros.metrology.effects.learned_shape import fading_time, quantities
 from stepdiag_ros.metrology.effects.servo_lag import EFFECT as SERVO_LAG
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
 from stepdiag_ros.metrology.effects.trigger_delay import EFFECT as TRIGGER_DELAY
@@ -173,8 +173,7 @@ def propose(
         raise ValueError(
             "the feed of the run is unknown, so the duration of an extra plan is unknown, too"
         )
-    unclear = [one for one in diagnosis.findings if one.ambiguous]
-    if not unclear:
+    if not is_open(diagnosis):
         return ExtraPlan((), None, float("nan"), float("nan"), (), ())
     stops = diagnosis.stops
     baseline = fit_baseline(measurement, stops, known, curves=curves)
@@ -184,24 +183,17 @@ def propose(
 
         catalogue = installed().values()
     everyone = Contenders(measurement, diagnosis, known, catalogue, fitted, curves or {})
-    undecided = _no_line_decides(unclear)
-    found = [(finding, everyone.rivals(finding)) for finding in unclear]
-    unclear = [finding for finding, rivals in found if len(rivals) > 1]
-    groups = [rivals for _, rivals in found if len(rivals) > 1]
-    if not unclear:
+    asked = [one for one in everyone.questions() if len(one.rivals) > 1]
+    groups = [one.rivals for one in asked]
+    undecided = _no_line_decides(diagnosis, {one.label for group in groups for one in group})
+    if not asked:
         labels = tuple(one.labels for one in undecided)
         return ExtraPlan(labels, None, float("nan"), float("nan"), (), undecided)
 
     def contests(some: Sequence[Sequence[Rival]]) -> list[Contest]:
         return [
-            Contest(
-                rivals,
-                [*fitted, *(one.candidate for one in diagnosis.findings if one is not finding)],
-                baseline,
-                stops,
-                diagnosis,
-            )
-            for finding, rivals in zip(unclear, some, strict=True)
+            Contest(rivals, [*fitted, *question.beside], baseline, stops, diagnosis)
+            for question, rivals in zip(asked, some, strict=True)
         ]
 
     whole = contests(groups)
@@ -255,29 +247,42 @@ def _of_pace(rival: Rival) -> bool:
 
 def _fading_time(rival: Rival) -> float:
     """Return the time constant of what fades after a reversal, s; 0 if the rival does not fade."""
-    return fading_time(str(rival.candidate.setting.get("shape", "")))
+    shapes = [str(one.setting["shape"]) for one in rival.acting if one.effect.learned]
+    return max(map(fading_time, shapes), default=0.0)
 
 
-def _no_line_decides(unclear: Iterable[Finding]) -> tuple[LeftOpen, ...]:
-    """Return which findings have rivals that no further line is sought for, and what to do."""
+def is_open(diagnosis: Diagnosis) -> bool:
+    """Say whether a finding, or a dependence of a formula, has rivals."""
+    described = diagnosis.description is not None and diagnosis.verdict == DESCRIBED
+    formulas = diagnosis.description.dependences if described and diagnosis.description else ()
+    return any(one.ambiguous for one in diagnosis.findings) or any(one.rivals for one in formulas)
+
+
+def _no_line_decides(diagnosis: Diagnosis, asked: set[str]) -> tuple[LeftOpen, ...]:
+    """Return which rivals no further line is sought for, and what to do.
+
+    Args:
+        diagnosis: of the runs so far.
+        asked: labels of the rivals for which lines are sought.
+    """
     turning = SEVERAL_ANGULAR_ERRORS.name
     advice = "measure the angular errors, or step diagonals in several orders of the axes"
     made = []
-    for labels in [(one.label, *one.ambiguous) for one in unclear]:
+    for labels in [(one.label, *one.ambiguous) for one in diagnosis.findings if one.ambiguous]:
         if turning in labels:
             others = ", ".join(sorted({*labels} - {turning}))
             made.append(LeftOpen(labels, f"{others} or axes that turn: {advice}."))
-        if any(label.startswith(WITHOUT_A_NAME) for label in labels):
-            named = ", ".join(one for one in labels if not one.startswith(WITHOUT_A_NAME))
-            made.append(
-                LeftOpen(labels, f"{named} or {WITHOUT_A_NAME}: measure the same lines again.")
-            )
+        nameless = [one for one in labels if one.startswith(WITHOUT_A_NAME) and one not in asked]
+        if nameless:
+            named = ", ".join(one for one in labels if one not in nameless)
+            again = f"{named} or {WITHOUT_A_NAME}: measure the same lines again."
+            made.append(LeftOpen(labels, again))
     return tuple(made)
 
 
 def _least_lost(
     judges: Iterable[tuple[Judge, tuple[Option, ...]]],
-) -> tuple[Judge, list[tuple[Candidate, Candidate]], tuple[Option, ...]]:
+) -> tuple[Judge, list[tuple[Rival, Rival]], tuple[Option, ...]]:
     """Return the first judge with whom no pair has to be given up, else the one with the fewest."""
     tried = []
     for judge, lines in judges:
@@ -331,16 +336,14 @@ class _Search:
             self._known[key] = self._quick.good(chosen)
         return self._known[key]
 
-    def proposal(self, lost: Sequence[tuple[Candidate, Candidate]]) -> ExtraPlan:
+    def proposal(self, lost: Sequence[tuple[Rival, Rival]]) -> ExtraPlan:
         """Return the quickest plan that is good enough.
 
         Args:
             lost: pairs that no lines distinguish.
         """
         judge = self._judge
-        names = tuple(
-            tuple(rival.candidate.label for rival in contest.rivals) for contest in judge.contests
-        )
+        names = tuple(tuple(rival.label for rival in contest.rivals) for contest in judge.contests)
         left_open = (*_lost_words(lost), *_bound_words(judge))
         if not judge.asks:
             unknown = float("nan")
@@ -439,7 +442,7 @@ def _pairs(judged: Sequence[Judged], contests: Sequence[Contest]) -> tuple[Rival
             if asked:
                 found.append(
                     RivalPair(
-                        (rivals[i].candidate.label, rivals[j].candidate.label),
+                        (rivals[i].label, rivals[j].label),
                         float(np.sqrt(min(one.distance[place] for place in asked))),
                         float(min(one.chance[place] for place in asked)),
                     )
@@ -455,15 +458,14 @@ def _conditions(judged: Sequence[Judged], judge: Judge) -> tuple[str, ...]:
             continue
         rivals = judge.contests[one.contest].rivals
         involved = [
-            rivals[place].candidate
-            for place in np.flatnonzero(np.any(one.asked | one.asked.T, axis=1))
+            rivals[place] for place in np.flatnonzero(np.any(one.asked | one.asked.T, axis=1))
         ]
         if not involved:
             continue
         what = [
-            word for name, word in _WEATHER.items() if any(name in c.effect.needs for c in involved)
+            word for name, word in _WEATHER.items() if any(_takes(name, one) for one in involved)
         ] or list(_WEATHER.values())
-        labels = ", ".join(candidate.label for candidate in involved)
+        labels = ", ".join(rival.label for rival in involved)
         how = (
             "changes at most half as fast as in the run, or in the other sense"
             if one.weather == SLOWER
@@ -477,6 +479,14 @@ def _conditions(judged: Sequence[Judged], judge: Judge) -> tuple[str, ...]:
     return tuple(words)
 
 
+def _takes(name: str, rival: Rival) -> bool:
+    """Say whether an effect, or a formula, depends on a quantity of the weather."""
+    shapes = [str(one.setting["shape"]) for one in rival.acting if one.effect.learned]
+    return name in rival.candidate.effect.needs or any(
+        one.startswith(name) for shape in shapes for one in quantities(shape)
+    )
+
+
 def _warming(what: Sequence[str]) -> str:
     """Say how to come to another temperature of the machine without waiting for a day."""
     if _WEATHER["material_temperature"] not in what:
@@ -487,7 +497,7 @@ def _warming(what: Sequence[str]) -> str:
 def _bound_words(judge: Judge) -> list[LeftOpen]:
     found = []
     for contest in judge.contests:
-        bound = [one.candidate.label for one in contest.rivals if one.candidate.is_bound]
+        bound = [one.label for one in contest.rivals if one.candidate.is_bound]
         if len(bound) > 1:
             found.append(
                 LeftOpen(
@@ -499,7 +509,7 @@ def _bound_words(judge: Judge) -> list[LeftOpen]:
     return found
 
 
-def _lost_words(lost: Sequence[tuple[Candidate, Candidate]]) -> list[LeftOpen]:
+def _lost_words(lost: Sequence[tuple[Rival, Rival]]) -> list[LeftOpen]:
     """State what would distinguish pairs that no lines distinguish."""
     found = []
     for one, other in lost:
@@ -509,9 +519,9 @@ def _lost_words(lost: Sequence[tuple[Candidate, Candidate]]) -> list[LeftOpen]:
             f" {one.label} from {other.label}"
         )
         turning = [
-            candidate.setting["error"]
-            for candidate in (one, other)
-            if candidate.setting.get("error") in ROTATIONS
+            rival.candidate.setting["error"]
+            for rival in (one, other)
+            if rival.candidate.setting.get("error") in ROTATIONS
         ]
         if turning:
             words += (

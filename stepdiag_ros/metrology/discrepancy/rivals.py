@@ -40,15 +40,29 @@ Acting = Candidate | ActiveEffect
 
 @dataclass(frozen=True)
 class Rival:
-    """One of the effects that may be the cause.
+    """An effect, or a formula, that may be the cause.
 
     Attributes:
-        candidate: in the setting in which it fits the run best.
+        candidate: in the setting in which it fits the run best; of a formula the first shape.
         probability: of it by the evidence of the run, 0..1.
+        more: further shapes of a formula, each with a size of its own.
+        words: on what a formula depends; empty for an effect.
     """
 
     candidate: Candidate
     probability: float
+    more: tuple[Candidate, ...] = ()
+    words: str = ""
+
+    @property
+    def label(self) -> str:
+        """Return what it is called."""
+        return self.words or self.candidate.label
+
+    @property
+    def acting(self) -> tuple[Candidate, ...]:
+        """Return all that acts if it is the cause."""
+        return (self.candidate, *self.more)
 
 
 @dataclass(frozen=True)
@@ -145,10 +159,9 @@ class FurtherReadings:
         """Return the columns of the curves, shape (rows, c)."""
         return self._part.curves
 
-    def of(self, acting: Acting) -> tuple[Vector, Vector]:
+    def of(self, acting: Sequence[Acting]) -> tuple[Vector, Vector]:
         """Return the change by a unit of each size, and what no run determines of it, (rows, k)."""
-        columns = acting.effect.columns(acting.setting, self._together)[self._before :]
-        unknown = acting.effect.unknown(acting.setting, self._together)[self._before :]
+        columns, unknown = (some[self._before :] for some in _columns(acting, self._together))
         return self._part.left(columns), self._part.left(unknown[:, np.any(unknown, axis=0)])
 
 
@@ -172,14 +185,16 @@ class Contest:
         diagnosis: Diagnosis,
     ) -> None:
         self.rivals = tuple(rivals)
-        self._acting: tuple[Acting, ...] = (*common, *(one.candidate for one in rivals))
+        self._acting: tuple[tuple[Acting, ...], ...] = (
+            *((one,) for one in common),
+            *(one.acting for one in rivals),
+        )
         self._common = len(common)
         baseline = loosened(baseline, stops, diagnosis.loose)
         part = _Part(baseline, diagnosis.noise, diagnosis.noise_correlation)
         blocks = [part.curves]
         for one in self._acting:
-            blocks.append(part.left(one.effect.columns(one.setting, stops)))
-            blocks.append(part.left(one.effect.unknown(one.setting, stops)))
+            blocks += map(part.left, _columns(one, stops))
         gap = np.zeros((len(stops.time), 1))
         gap[baseline.good, 0] = baseline.gap
         blocks.append(part.left(gap))
@@ -261,6 +276,14 @@ class Contest:
         columns = [further.curves, *(new[one][0] for one in self._free(rival))]
         predicted: Vector = np.column_stack(columns) @ self._alone[rival][0][:, None]
         return predicted
+
+
+def _columns(acting: Sequence[Acting], stops: Stops) -> tuple[Vector, Vector]:
+    """Return the change by a unit of each size, and what no run determines, shape (n, k) each."""
+    return (
+        np.column_stack([one.effect.columns(one.setting, stops) for one in acting]),
+        np.column_stack([one.effect.unknown(one.setting, stops) for one in acting]),
+    )
 
 
 def _solved(columns: Vector, target: Vector) -> tuple[Vector, float]:

@@ -37,7 +37,7 @@ from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, at_least_of_tests, single_errors
 from stepdiag_ros.evaluation.volumetric import accuracies_of
 from stepdiag_ros.metrology.air.recompensation import SensorValue
-from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS
+from stepdiag_ros.metrology.discrepancy.proposal import is_open
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.machine import Machine
@@ -329,7 +329,7 @@ class Material:
                 if self.measurement.direct is None
                 else ("what was measured directly is not in this comparison",),
             )
-            if report.diagnosis.verdict != AMBIGUOUS:
+            if not is_open(report.diagnosis):
                 return report
             plan = self.recorded.plan
             ask = Ask(plan if plan.feed > 0.0 else None, self.machine)
