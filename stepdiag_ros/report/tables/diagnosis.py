@@ -72,7 +72,10 @@ def description_sentences(diagnosis: Diagnosis) -> list[str]:
         )
         if one.rivals:
             others = "; ".join(dependence_words(*rival) for rival in one.rivals[:_MOST_RIVALS])
-            said.append(f"This run does not rule out {others}.")
+            said.append(
+                f"This run does not rule out {others}. 'stepdiag diagnose --propose' seeks lines"
+                " that decide it."
+            )
         said += [f"What has such a shape: {hint}." for hint in hints(one)]
     return said
 
