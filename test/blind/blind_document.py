@@ -40,6 +40,9 @@ _WORDS = {
     ),
     "outside_described_or_rival": "same, or with what is right as a stated rival",
     "outside_description_right_whatever_rivals": "same, the description right, whatever its rivals",
+    "outside_described_after_plan": (
+        "same, at once or after the extra plan that was proposed for what stayed open"
+    ),
     "outside_in_a_group": "same: AMBIGUOUS, a stated group of names",
     "outside_unexplained": "same: UNEXPLAINED",
     "outside_wrong_description": "same: DESCRIBED by a wrong driver, or not by all",

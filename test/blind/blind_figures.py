@@ -139,7 +139,13 @@ def _of_nulls(nulls):
 
 
 def _of_plans(judged):
-    asked = [one for one in judged if one["after_plan"] and one["outcome"] == "right, in a group"]
+    asked = [
+        one
+        for one in judged
+        if one["after_plan"]
+        and one["outcome"] == "right, in a group"
+        and one["truth"]["class"] != "outside"
+    ]
     with_plan = [one for one in asked if one["after_plan"] != NO_PLAN]
     planned = [one for one in with_plan if of_the_machine(one["truth"])]
     promised = [one for one in planned if not told_to_stay_open(one["truth"], one["verdict"])]
@@ -158,6 +164,10 @@ def _of_outside(outside):
     lasting = [one for one in asked if one["truth"]["drivers"]["lasting"]]
     passing = [one for one in asked if not one["truth"]["drivers"]["lasting"]]
     own = [described_rightly(one) for one in lasting]
+    settled = [
+        one["outcome"] if one["after_plan"] in (None, NO_PLAN) else one["after_plan"]
+        for one in lasting
+    ]
     described = [one for one in lasting if one["described_errors"]]
     held_out = [one["held_out"] for one in described if one["held_out"] is not None]
     errors = {
@@ -169,6 +179,7 @@ def _of_outside(outside):
         "outside_described_rightly": rate(lasting, ("right",)),
         "outside_described_or_rival": rate(lasting, with_rival),
         "outside_description_right_whatever_rivals": share(sum(own), len(own)),
+        "outside_described_after_plan": share(settled.count("right"), len(settled)),
         "outside_in_a_group": rate(lasting, ("right, in a group",)),
         "outside_unexplained": rate(lasting, ("unexplained",)),
         "outside_wrong_description": rate(lasting, ("wrong description",)),

@@ -193,11 +193,20 @@ def judge_blindly(root, name):
         document = no_answer()
     except Exception as error:  # A crash of the workflow is a result, not the test's end.
         document = crashed(error)
-    named = name.split("-")[0] in SCALED and document["verdict"] in ("NAMED", "AMBIGUOUS")
-    if named and any(one["ambiguous"] for one in document["findings"]):
+    if _is_open(name.split("-")[0], document):
         document["further"] = _further(root, name, diagnosis)
     _keep(kept, document)
     return name
+
+
+def _is_open(kind, document):
+    """Tell whether the verdict states what else may be the cause, so that a plan is asked for."""
+    named = document["verdict"] in ("NAMED", "AMBIGUOUS") and kind in (*SCALED, "outside")
+    described = document["verdict"] == "DESCRIBED" and kind == "outside"
+    dependences = document["description"]["dependences"] if described else ()
+    return any(one["ambiguous"] for one in document["findings"] if named) or any(
+        one["rivals"] for one in dependences
+    )
 
 
 def _further(root, name, diagnosis):

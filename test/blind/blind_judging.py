@@ -125,7 +125,7 @@ def after_plan(truth, verdict):
     verdict on both runs together.
     """
     further = verdict.get("further")
-    if further is None or truth["class"] not in ("one", "two", "pair"):
+    if further is None or truth["class"] not in ("one", "two", "pair", "outside"):
         return None
     if further["verdict"] is None:
         return NO_PLAN
