@@ -248,6 +248,26 @@ def test_what_became_of_a_group_after_the_proposed_plan():
     assert confusion(judged)["one, after the plan"]["right"] == 1
 
 
+def test_what_a_plan_settles_of_something_outside_the_catalogue_counts_with_what_was_right():
+    right = ("Y", (X, Z))
+    rivalled = ("Z", (X, Z), ("Y", (X, Z)))
+
+    def after(said, further):
+        return {**said, "further": {"proposal": {}, "verdict": further}}
+
+    judged = judged_as(
+        (OUTSIDE, described(right), None),
+        (OUTSIDE, after(described(rivalled), described(right)), None),
+        (OUTSIDE, after(verdict("AMBIGUOUS", ("a", "b")), described(rivalled)), None),
+        (OUTSIDE, after(verdict("AMBIGUOUS", ("a", "b")), None), None),
+    )
+    counted = figures(judged)
+    settled = counted["outside_described_after_plan"]
+    assert (settled["hits"], settled["runs"]) == (2, 4)
+    assert counted["outside_described_rightly"]["hits"] == 1
+    assert counted["plan_proposed"]["runs"] == 0
+
+
 def test_what_is_over_after_the_first_run_is_counted_apart():
     over = {**ONE, "hidden": [{"kind": "cosine", "setting": {"setup": 0}}]}
     over["setups"] = [("linear", "x", "")]
