@@ -232,7 +232,8 @@ def _sentences(experiment: Experiment, definition: SignDefinition) -> list[str]:
         "formulation also of the tilts that least squares finds in the same readings.",
         "Setup errors: to first order a reading depends on the tilt of the mirror's normal only; "
         "the beam's own tilt is a second-order scale, which these figures do not show. Angle 1 "
-        "lies in the XY plane; both are in the frame of the results.",
+        "lies in the XY plane; both are in the frame of the results. They follow from the setup-"
+        "robust formulation; least squares uses further lines, so its tilts have a smaller ±.",
     ]
     count = len(next(iter(experiment.repeats.values())).results) if experiment.repeats else 0
     if count:
