@@ -5,13 +5,12 @@ import os
 import sys
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.archive import require_libraries
 from stepdiag_ros.commands.arguments import RESULTS, Command, Group, add_common
-from stepdiag_ros.commands.output import number, progress_bar, say
+from stepdiag_ros.commands.output import progress_bar, say, tolerance
 from stepdiag_ros.commands.run import add_cell_options, cell_nodes
 from stepdiag_ros.metrology.units import MICRO
 
@@ -24,7 +23,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     add_cell_options(parser, plan="demo", factor=1.0)
     parser.add_argument(
         "--tolerance",
-        type=partial(number, low=1e-6, high=1e5),
+        type=tolerance,
         metavar="UM",
         help="largest permissible error vector in the volume, µm; result/verdict then states"
         " whether the machine conforms (ISO 14253-1)",

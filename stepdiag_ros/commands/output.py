@@ -70,6 +70,30 @@ def metres(text: str, low: float, high: float) -> float:
     raise argparse.ArgumentTypeError(said)
 
 
+_TOLERANCES = (0.1, 5000.0)
+"""µm: what a volumetric error may be held to, from the finest machine to the coarsest."""
+
+
+def tolerance(text: str) -> float:
+    """Return the largest permissible error that an option was given, µm.
+
+    A tolerance in another unit would release a machine, or condemn it.
+
+    Raises:
+        argparse.ArgumentTypeError: it is not a number, or no plausible tolerance; says what it
+            would be if it was meant in nanometres, millimetres or metres.
+    """
+    value = _parsed(text)
+    low, high = _TOLERANCES
+    if low <= value <= high:
+        return value
+    said = f"{_beyond(text, low, high)} µm; a tolerance is in micrometres"
+    meant = [value * factor for factor in (1e-3, 1e3, 1e6) if low <= value * factor <= high]
+    if meant:
+        said += f": did you mean {meant[0]:.6g}?"
+    raise argparse.ArgumentTypeError(said)
+
+
 def _parsed(text: str) -> float:
     try:
         return float(text)

@@ -18,7 +18,14 @@ from stepdiag_ros.commands.arguments import (
     results_folder,
 )
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
-from stepdiag_ros.commands.output import Progress, number, progress_bar, say, warn, warn_of_replaced
+from stepdiag_ros.commands.output import (
+    Progress,
+    progress_bar,
+    say,
+    tolerance,
+    warn,
+    warn_of_replaced,
+)
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.intake import refusals_of
@@ -87,7 +94,7 @@ def _add_given(parser: ArgumentParser) -> None:
         parser.add_argument(f"--{name}", default="", metavar="TEXT", help=what)
     parser.add_argument(
         "--tolerance",
-        type=partial(number, low=1e-6, high=1e6),
+        type=tolerance,
         metavar="UM",
         help="largest permissible error vector in the volume, µm; the first page then states"
         " whether the machine conforms (ISO 14253-1)",

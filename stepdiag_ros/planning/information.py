@@ -198,7 +198,7 @@ class Information:
             told = np.zeros(self.quantities.modes.shape[1])
             told[places] = _KNOWN**-2
             left.append(self.standing(counts, told).parts[1, worst])
-        return f"{source}, {ROTATIONS[int(np.argmin(left))]} most of all"
+        return f"{source}, {ROTATIONS[int(np.argmin(left))]} the most"
 
     def gain(self, counts: Vector) -> dict[int, Vector]:
         """Return what readings that nobody models do to the solution of so many measurements.

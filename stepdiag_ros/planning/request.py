@@ -38,7 +38,8 @@ def sampling_with(dwell: float, by_hand: bool = False) -> Sampling:
     return Sampling(
         dwell=dwell,
         settle=settle,
-        window=dwell - settle - (_FREE_BY_HAND * dwell if by_hand else 0.0),
+        # To a nanosecond: a plan file has no digits of rounding.
+        window=round(dwell - settle - (_FREE_BY_HAND * dwell if by_hand else 0.0), 9),
         longest_wait=max(standard.longest_wait, 3.0 * dwell),
     )
 

@@ -74,9 +74,10 @@ def test_a_run_is_followed_recorded_and_assembled_the_same_again(laser, tmp_path
         Instrument(rate=50.0, seed=6, work=5.0, first_time=time.time_ns()),
     )
     nodes = [
-        NodeProcess("assembler"),
+        # A busy computer may keep this laser from speaking for a while.
+        NodeProcess("assembler", {"reading_timeout": PATIENCE}),
         NodeProcess("solver"),
-        NodeProcess("recorder", {"folder": tmp_path}),
+        NodeProcess("recorder", {"folder": tmp_path, "reading_timeout": PATIENCE}),
         NodeProcess("by_hand", {"plan": tmp_path / "plan.yaml"}),
     ]
     with Processes(nodes, tmp_path / "logs") as processes:

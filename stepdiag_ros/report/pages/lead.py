@@ -251,8 +251,8 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
             f" uncertainty allow no decision at {limit} (ISO 14253-1)."
         ]
     reason = {
-        KEEPS: f"Even with its uncertainty the largest error is within {limit} (ISO 14253-1).",
-        EXCEEDS: f"Even less its uncertainty the largest error is beyond {limit} (ISO 14253-1).",
+        KEEPS: f"The largest error plus its uncertainty is within {limit} (ISO 14253-1).",
+        EXCEEDS: f"The largest error minus its uncertainty is beyond {limit} (ISO 14253-1).",
         OPEN: f"The largest error or its uncertainty does not allow a decision at {limit}"
         " (ISO 14253-1).",
     }
