@@ -61,6 +61,7 @@ def decide(
             tolerance,
             more_acts=lead.verdict.more_acts or aborted,
             noise=lead.noise,
+            upper_bound=nan if volume is None else volume.upper_bound(lead.expanded_uncertainty),
         ),
         diagnosis=_AGREEMENTS.get(lead.verdict.name, Agreement.UNKNOWN),
         worst_error=value,

@@ -28,3 +28,10 @@ def test_conformity_is_proven_only_with_the_uncertainty(
     value, uncertainty, tolerance, known, proven
 ):
     assert conformity(value, uncertainty, tolerance, **known) is proven
+
+
+def test_a_limit_is_kept_only_if_it_is_kept_at_every_place():
+    assert conformity(8.0, 1.0, 10.0, upper_bound=9.5) is Conformity.WITHIN
+    assert conformity(8.0, 1.0, 10.0, upper_bound=11.0) is Conformity.UNDECIDED
+    # What exceeds the limit at one place exceeds it.
+    assert conformity(12.0, 1.0, 10.0, upper_bound=15.0) is Conformity.NOT_WITHIN

@@ -9,7 +9,7 @@ from refused import refused
 
 from stepdiag_ros.metrology.forward import ErrorCurves, tool_point
 from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, TRANSLATIONS
-from stepdiag_ros.metrology.plausible import NOTHING, Plausible
+from stepdiag_ros.metrology.plausible import NOTHING, ORDINARY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
@@ -18,9 +18,11 @@ from stepdiag_ros.metrology.standards.volumetric import (
     MACHINES_OF_RL,
     PLANAR_MACHINE_OF_RL,
     LinearMachine,
+    VolumetricAccuracy,
     of_result,
     volumetric_accuracy,
 )
+from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 NODES = (np.linspace(0.1, 0.6, 6), np.linspace(-0.2, 0.3, 5), np.linspace(0.0, 0.4, 4))
 
@@ -227,3 +229,21 @@ def test_an_uncertainty_that_is_not_known_has_no_limit():
     spreads = {name: np.full(len(curve), np.nan) for name, curve in values.items()}
     found = of_result(replace(result_of(values), standard_uncertainty=spreads))
     assert np.isnan(found.uncertainty_limit) and found.value > 0.0
+
+
+def test_a_place_with_a_smaller_error_and_a_larger_uncertainty_bounds_the_volume():
+    plan = make_plan(blocks=6, step=(0.03,) * 3, linear=("y", "z"), repeats=2)
+    result = solve_least_squares(simulate(plan, make_cell(high=(0.18,) * 3), 3))
+    found = of_result(result, "YXZ")
+    expanded = 1.96 * found.standard_uncertainty
+    error_map = VolumetricMap.of_result(result, "YXZ", ORDINARY)
+    places = error_map.some_nodes(1000)
+    vectors = error_map.errors(places)
+    lengths = np.linalg.norm(vectors, axis=1)
+    along = vectors / np.maximum(lengths, 1e-12)[:, None]
+    variances = np.einsum("ni,nij,nj->n", along, error_map.covariance_at(places), along)
+    bounds = lengths + 1.96 * np.sqrt(np.maximum(variances, 0.0))
+    assert found.upper_bound(expanded) == pytest.approx(np.max(bounds), rel=1e-3)
+    # In proportion, where the budget knows of more.
+    assert found.upper_bound(2.0 * expanded) > np.max(bounds)
+    assert VolumetricAccuracy(1e-6, (0.0,) * 3, (0.0,) * 3).upper_bound(2e-6) == pytest.approx(3e-6)

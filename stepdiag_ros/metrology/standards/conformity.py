@@ -6,7 +6,7 @@ the two neither is proven.
 """
 
 from enum import IntEnum
-from math import isfinite
+from math import isfinite, nan
 
 
 class Conformity(IntEnum):
@@ -25,6 +25,7 @@ def conformity(
     *,
     more_acts: bool = False,
     noise: bool = False,
+    upper_bound: float = nan,
 ) -> Conformity:
     """Return what is proven of a value that is not negative.
 
@@ -34,12 +35,13 @@ def conformity(
         tolerance: largest that is permissible; NaN if none was agreed.
         more_acts: more acts than value and uncertainty contain, so that nothing is proven.
         noise: the value is no more than noise makes, so that it is not beyond the limit.
+        upper_bound: of the same at every other place, with its uncertainty; NaN if there is none.
     """
     if not isfinite(tolerance):
         return Conformity.NOT_ASKED
     if more_acts:
         return Conformity.UNDECIDED
-    if value + expanded_uncertainty <= tolerance:
+    if value + expanded_uncertainty <= tolerance and not upper_bound > tolerance:
         return Conformity.WITHIN
     if value - expanded_uncertainty > tolerance and not noise:
         return Conformity.NOT_WITHIN

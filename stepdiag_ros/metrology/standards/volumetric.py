@@ -33,6 +33,8 @@ from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 MOST_POINTS = 50_000
 """Nodes that are looked at in one go; more are done plane by plane, to bound the memory."""
+_BOUND_POINTS = 500
+"""Nodes at which a length with its uncertainty is looked at."""
 MOST_RIVALS = 200
 """Places whose error vector may be the longest that are looked at, the longest first."""
 
@@ -52,6 +54,8 @@ class VolumetricAccuracy:
         rms: of the error vectors' lengths over all nodes of the volume, m; NaN if not determined.
         uncertainty_limit: what the standard uncertainty of the length cannot exceed, however the
             errors of the curves are correlated, m; NaN if not known.
+        highest: length and standard uncertainty, m, where the length with its expanded uncertainty
+            is the largest, which may be at another place; NaN if not known.
     """
 
     value: float
@@ -62,6 +66,25 @@ class VolumetricAccuracy:
     remarks: tuple[str, ...] = field(default=())
     rms: float = nan
     uncertainty_limit: float = nan
+    highest: tuple[float, float] = (nan, nan)
+
+    def upper_bound(self, expanded_uncertainty: float) -> float:
+        """Return what the error is below, with 95 %, at every place of the volume, m.
+
+        A shorter error vector with a larger uncertainty may be the one that exceeds a limit.
+
+        Args:
+            expanded_uncertainty: U of the longest error vector, m; where it is larger than by the
+                covariance of the curves, it is so in the same proportion everywhere.
+        """
+        length, uncertainty = self.highest
+        own = COVERAGE_FACTOR * self.standard_uncertainty
+        larger = expanded_uncertainty / own if expanded_uncertainty > own > 0.0 else 1.0
+        bounds = (
+            self.value + expanded_uncertainty,
+            length + larger * COVERAGE_FACTOR * uncertainty,
+        )
+        return float(np.fmax(*bounds))
 
 
 def volumetric_accuracy(
@@ -173,12 +196,14 @@ def of_result(
     )
     place = np.asarray(found.position) + corner
     spread = limit = nan
+    highest = (nan, nan)
     if found.value > 0:
         error_map = VolumetricMap.of_result(result, chain, plausible)
         along = np.asarray(found.vector) / found.value
         variance = along @ error_map.covariance_at(place[None, :])[0] @ along
         spread = float(np.sqrt(np.maximum(variance, 0.0)))
         limit = float(np.abs(along) @ error_map.uncertainty_limit_at(place[None, :])[0])
+        highest = _highest(error_map)
     return VolumetricAccuracy(
         value=found.value,
         position=_triple(place),
@@ -188,7 +213,28 @@ def of_result(
         remarks=tuple(remarks),
         rms=found.rms,
         uncertainty_limit=limit,
+        highest=highest,
     )
+
+
+def _highest(error_map: VolumetricMap) -> tuple[float, float]:
+    """Return length and standard uncertainty where the length may be the largest, m."""
+    places = error_map.some_nodes(_BOUND_POINTS)
+    lengths, uncertainties = _along(error_map, places)
+    bounds = lengths + COVERAGE_FACTOR * uncertainties
+    if not np.any(np.isfinite(bounds)):
+        return nan, nan
+    place = int(np.nanargmax(bounds))
+    return float(lengths[place]), float(uncertainties[place])
+
+
+def _along(error_map: VolumetricMap, places: Vector) -> tuple[Vector, Vector]:
+    """Return lengths of the error vectors at some places and their standard uncertainties, m."""
+    vectors = error_map.errors(places)
+    lengths = np.linalg.norm(vectors, axis=1)
+    along = vectors / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    variances = np.einsum("ni,nij,nj->n", along, error_map.covariance_at(places), along)
+    return lengths, np.sqrt(np.maximum(variances, 0.0))
 
 
 def uncertainty_of_worst(
@@ -221,17 +267,13 @@ def uncertainty_of_worst(
         traces = np.trace(error_map.covariance_at(corners), axis1=1, axis2=2)
         return float(np.sqrt(np.max(traces) / len(AXES)))
     places = error_map.some_nodes(MOST_POINTS)
-    vectors = error_map.errors(places)
-    lengths = np.linalg.norm(vectors, axis=1)
+    lengths = np.linalg.norm(error_map.errors(places), axis=1)
     rivals = lengths >= found.value - COVERAGE_FACTOR * found.standard_uncertainty
     rivals &= lengths > 0.0
     among = np.flatnonzero(rivals)
     among = among[np.argsort(-lengths[among])][:MOST_RIVALS]
-    along = vectors[among] / lengths[among, None]
-    covariances = error_map.covariance_at(places[among])
-    variances = np.einsum("ni,nij,nj->n", along, covariances, along)
-    of_rivals = float(np.sqrt(max(np.max(variances, initial=0.0), 0.0)))
-    return float(np.maximum(of_rivals, found.standard_uncertainty))
+    _, uncertainties = _along(error_map, places[among])
+    return float(np.max(uncertainties, initial=found.standard_uncertainty))
 
 
 def _triple(values: Vector) -> tuple[float, float, float]:

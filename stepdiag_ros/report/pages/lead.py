@@ -27,6 +27,7 @@ from stepdiag_ros.text.numbers import (
     OF_READINGS,
     UNKNOWN,
     plain,
+    two_digits,
     with_expanded,
     with_uncertainty,
 )
@@ -69,6 +70,7 @@ class ToleranceJudgement:
         more_acts: the run itself shows more than the error curves contain.
         noise: the errors found are no more than noise makes.
         tested: a reading of the run could contradict the error curves, and was compared with them.
+        upper_bound: of the error at every place of the volume (95 %), m; NaN if unknown.
     """
 
     verdict: str
@@ -79,6 +81,7 @@ class ToleranceJudgement:
     more_acts: bool
     noise: bool
     tested: bool = True
+    upper_bound: float = math.nan
 
     @property
     def guard_band(self) -> float:
@@ -136,11 +139,15 @@ def judge(material: Material) -> ToleranceJudgement:
     value = math.nan if accuracy is None else accuracy.value
     expanded = material.expanded_uncertainty
     more_acts, noise = material.lead.verdict.more_acts, material.lead.noise
-    proven = conformity(value, expanded, tolerance, more_acts=more_acts, noise=noise)
+    bound = math.nan if accuracy is None else accuracy.upper_bound(expanded)
+    proven = conformity(
+        value, expanded, tolerance, more_acts=more_acts, noise=noise, upper_bound=bound
+    )
     verdict = _VERDICTS[proven]
     return ToleranceJudgement(
         *(verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise),
         tested=material.lead.verdict.tested,
+        upper_bound=bound,
     )
 
 
@@ -257,7 +264,13 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
         " (ISO 14253-1).",
     }
     rests = f" {judged.basis}" if judged.decided and judged.basis else ""
-    return [reason[judged.verdict] + rests]
+    elsewhere = ""
+    if judged.verdict == OPEN and judged.value + judged.expanded_uncertainty <= judged.tolerance:
+        elsewhere = (
+            " At another place the error is smaller, but with its uncertainty up to"
+            f" {two_digits(judged.upper_bound * IN_MICRO)} µm."
+        )
+    return [reason[judged.verdict] + elsewhere + rests]
 
 
 def _basis(material: Material) -> str:

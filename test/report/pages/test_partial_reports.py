@@ -30,6 +30,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.effects import backlash
 from stepdiag_ros.metrology.refusal import Refusal, Unusable
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.pages import material, pictures
 from stepdiag_ros.report.pages.lead import (
@@ -192,7 +193,7 @@ def test_an_effect_that_the_run_names_is_told_on_the_first_page_and_drawn(tmp_pa
 def test_a_limit_is_kept_or_exceeded_only_with_the_uncertainty(value, u, tolerance, verdict):
     given = SimpleNamespace(tolerance=tolerance)
     found = SimpleNamespace(
-        accuracy=SimpleNamespace(value=value),
+        accuracy=VolumetricAccuracy(value, (0.0,) * 3, (0.0,) * 3),
         expanded_uncertainty=COVERAGE_FACTOR * u,
         lower_bound=False,
         given=given,
@@ -243,7 +244,7 @@ def test_a_decision_that_no_reading_tested_says_on_what_it_rests(verdict):
 @pytest.mark.parametrize("acts", [NAMED, AMBIGUOUS, UNEXPLAINED, CONSISTENT, NOT_TESTABLE])
 def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, tolerance):
     found = SimpleNamespace(
-        accuracy=SimpleNamespace(value=10e-6),
+        accuracy=VolumetricAccuracy(10e-6, (0.0,) * 3, (0.0,) * 3),
         expanded_uncertainty=1e-6,
         lower_bound=False,
         given=SimpleNamespace(tolerance=tolerance),
@@ -258,7 +259,7 @@ def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, t
 
 def test_noise_exceeds_no_limit():
     found = SimpleNamespace(
-        accuracy=SimpleNamespace(value=0.15e-6),
+        accuracy=VolumetricAccuracy(0.15e-6, (0.0,) * 3, (0.0,) * 3),
         expanded_uncertainty=0.09e-6,
         lower_bound=False,
         given=SimpleNamespace(tolerance=0.05e-6),
