@@ -35,7 +35,7 @@ def conformity(
         tolerance: largest that is permissible; NaN if none was agreed.
         more_acts: more acts than value and uncertainty contain, so that nothing is proven.
         noise: the value is no more than noise makes, so that it is not beyond the limit.
-        upper_bound: of the same at every other place, with its uncertainty; NaN if there is none.
+        upper_bound: of the same at every other place, with its uncertainty; NaN if not known.
     """
     if not isfinite(tolerance):
         return Conformity.NOT_ASKED
