@@ -90,7 +90,10 @@ def test_the_air_can_be_compensated_anew_from_the_bag(finished):
         made, remark = measurement_of(recorded, False, lambda *_: None, choice)
         pairs = zip(made.lines, recorded.measurement.lines, strict=True)
         by = np.concatenate([np.abs(a.displacement - b.displacement) for a, b in pairs])
-        return by, remark
+        # On a busy computer the first line begins before the recorder hears of the weather.
+        known = by[np.isfinite(by)]
+        assert len(known) >= len(by) - len(recorded.measurement.lines[0].displacement)
+        return known, remark
 
     # The simulated laser compensates by the same formula, with the dead path of the demo cell. On
     # a busy computer a word of the weather reached it after a reading.
