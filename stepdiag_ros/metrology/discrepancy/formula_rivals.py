@@ -7,6 +7,7 @@ depends on the time of the run: it does not come again with the same phase.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -55,7 +56,12 @@ class FormulaRivals:
     def __init__(self, diagnosis: Diagnosis, problem: Whitened) -> None:
         self._diagnosis = diagnosis
         self._problem = problem
-        self._describer = Describer(problem, diagnosis.stops, diagnosis.noise_degrees_of_freedom, 0)
+
+    @cached_property
+    def _describer(self) -> Describer:
+        # Only where a formula is a rival: most extra plans are for effects alone.
+        freedom = self._diagnosis.noise_degrees_of_freedom
+        return Describer(self._problem, self._diagnosis.stops, freedom, 0)
 
     def of_the_name(self, finding: Finding) -> Iterator[Rival]:
         """Yield the formula of the whole gap, if it is a rival of the only name."""

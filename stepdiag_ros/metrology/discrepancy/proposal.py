@@ -253,8 +253,8 @@ def _fading_time(rival: Rival) -> float:
 
 def is_open(diagnosis: Diagnosis) -> bool:
     """Say whether a finding, or a dependence of a formula, has rivals."""
-    described = diagnosis.description is not None and diagnosis.verdict == DESCRIBED
-    formulas = diagnosis.description.dependences if described and diagnosis.description else ()
+    described = diagnosis.description if diagnosis.verdict == DESCRIBED else None
+    formulas = described.dependences if described else ()
     return any(one.ambiguous for one in diagnosis.findings) or any(one.rivals for one in formulas)
 
 
