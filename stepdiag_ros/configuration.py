@@ -14,7 +14,7 @@ import yaml
 
 from stepdiag_ros import resources
 from stepdiag_ros.metrology.plan import Plan
-from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.spelling import nearest, suggestion
 from stepdiag_ros.text.intake import parse_yaml
 
@@ -131,7 +131,11 @@ def _load(
     except Refusal as error:
         other = _seems_to_be(text, folder)
         if not other:
-            raise
+            example = resources.directory("config") / folder / "demo.yaml"
+            if error.fault != "missing" or not example.is_file():
+                raise
+            said = f"{error}; {example} explains every key"
+            raise Refusal(said, **fields_of(error)) from error
         raise Refusal(
             f"{path} has the keys of the kind '{_SINGULAR[other]}'; a file of the kind"
             f" '{_SINGULAR[folder]}' is needed",

@@ -43,6 +43,18 @@ def no_more_than(
     return made
 
 
+_UNITS = {
+    "_m_per_s2": "m/s²",
+    "_m_per_s": "m/s",
+    "_per_s": "1/s",
+    "_rad": "rad",
+    "_hz": "Hz",
+    "_m": "m",
+    "_s": "s",
+}
+"""Ending of a key → unit of its value; those that end alike are there from the longest on."""
+
+
 class Section:
     """One mapping of a configuration file, from which every key must be taken once.
 
@@ -125,9 +137,8 @@ class Section:
         except OverflowError:
             number = inf
         if not low <= number <= high:
-            raise self._wrong(
-                key, value, f"a number from {low:g} to {high:g}", fault="out_of_range"
-            )
+            expected = f"a number from {low:g} to {high:g}{_unit_of(key)}"
+            raise self._wrong(key, value, expected, fault="out_of_range")
         return number
 
     def unknown(self, key: str) -> bool:
@@ -249,9 +260,8 @@ class Section:
         x, y, z = self.numbers(key, count=3, default=default)
         for value in (x, y, z):
             if not low <= value <= high:
-                raise self._wrong(
-                    key, [x, y, z], f"three numbers from {low:g} to {high:g}", "out_of_range"
-                )
+                expected = f"three numbers from {low:g} to {high:g}{_unit_of(key)}"
+                raise self._wrong(key, [x, y, z], expected, fault="out_of_range")
         return x, y, z
 
     def vectors(
@@ -302,3 +312,9 @@ class Section:
                     )
                 )
         findings.refuse()
+
+
+def _unit_of(key: str) -> str:
+    """Return the unit that the name of a key ends with, such as `` m/s``; empty for none."""
+    name = key.partition("[")[0]
+    return next((f" {unit}" for ending, unit in _UNITS.items() if name.endswith(ending)), "")

@@ -38,7 +38,7 @@ class Assessment:
         seen: visibility without rotations.
         seen_rotating: visibility with all rotations free; None without a chain.
         undetermined: which of the nine curves and squareness errors it does not determine.
-        without_line: axes whose positioning only step diagonals show.
+        without_line: axes that only step diagonals or shifted lines show.
         limits: what the plan does not determine, in sentences.
         warnings: what is unwise in it, in sentences.
     """

@@ -179,23 +179,26 @@ def _angular_sentences(
     hidden = [name for name in ROTATIONS if status[name] != DETERMINED]
     if not hidden:
         return []
-    sentences = [f"Angular errors that this plan does not determine: {', '.join(hidden)}."]
+    found = remedies(plan, chain, stop_uncertainty, rotating)
+    sentences = [
+        f"{', '.join(remedy.shows)}: not determined; {remedy.words} would determine"
+        f" {'it' if len(remedy.shows) == 1 else 'them'}."
+        for remedy in found
+    ]
+    never = [name for name in hidden if not any(name in remedy.shows for remedy in found)]
+    if never:
+        sentences.append(
+            f"{', '.join(never)}: not determined, and no linear line or move order added to this"
+            " plan would do it; other diagonals, an angular interferometer, a level or another"
+            " mirror offset can."
+        )
     leaning = [
         row.name for row in seen.rows if row.status == DETERMINED and status[row.name] != DETERMINED
     ]
     if leaning:
         sentences.append(
-            f"{', '.join(leaning)}: right only if these angular errors are small; methods without "
-            "rotations take them as zero."
-        )
-    found = remedies(plan, chain, stop_uncertainty, rotating)
-    for remedy in found:
-        sentences.append(f"{', '.join(remedy.shows)} would show with {remedy.words} as well.")
-    never = [name for name in hidden if not any(name in remedy.shows for remedy in found)]
-    if never:
-        sentences.append(
-            f"{', '.join(never)}: shown by no linear line or move order added to this plan; needs "
-            "other diagonals, an angular interferometer, a level or another mirror offset."
+            f"{', '.join(leaning)}: right only if the angular errors that are not determined are"
+            " small; methods without rotations take them as zero."
         )
     return sentences
 

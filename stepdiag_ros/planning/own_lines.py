@@ -1,7 +1,7 @@
-"""Axes along which no line of a plan runs: how uncertain that leaves them, and what a line costs.
+"""Axes without a line from the box's first corner: how uncertain that leaves them, and its price.
 
-Step diagonals determine the positioning of an axis that has no linear line. They do so less well,
-since the rotations of all axes act on them.
+A positioning error is that along the line from the first corner. Step diagonals determine it, and
+so does a linear line at another edge, but less well, since rotations act on them.
 """
 
 from dataclasses import dataclass, replace
@@ -19,10 +19,13 @@ from stepdiag_ros.planning.expectation import (
 )
 from stepdiag_ros.planning.offers import offers_of
 
+_WORTH = 0.5
+"""Share of the uncertainty below which a line must bring it to be worth a word."""
+
 
 @dataclass(frozen=True)
 class AxisWithoutLine:
-    """An axis along which no linear line of a plan runs.
+    """An axis along which no linear line of a plan runs from the first corner.
 
     Attributes:
         axis: its letter.
@@ -46,7 +49,7 @@ def axes_without_line(
     assumptions: Assumptions,
     expected: PlanExpectation,
 ) -> tuple[AxisWithoutLine, ...]:
-    """Return the axes whose positioning only step diagonals show, and what a line would give.
+    """Return the axes that only step diagonals or shifted lines show, and what a line would give.
 
     Args:
         plan: what is measured.
@@ -57,7 +60,7 @@ def axes_without_line(
     """
     if not any(line.kind == STEP_DIAGONAL for line in plan.lines):
         return ()
-    measured = {line.name for line in plan.lines if line.kind == LINEAR}
+    measured = {line.name for line in plan.lines if line.kind == LINEAR and not any(line.offset)}
     missing = [
         (letter, name, curve)
         for letter, name, curve in zip(AXES, LINEAR_LINES, POSITIONING, strict=True)
@@ -92,4 +95,5 @@ def axes_without_line(
             offer.alignment + offer.seconds,
         )
         for (letter, _, curve), offer in zip(missing, offers, strict=True)
+        if better.positioning[curve] < _WORTH * expected.positioning[curve]
     )

@@ -49,6 +49,6 @@ def weather(
         panel_title(panel, words)
         scales(panel, "time / min" if sheet.last_in_column(number) else "", unit)
     silent = [_QUANTITIES[name][0].lower() for name in _QUANTITIES if name not in told]
-    said = [f"Not told by any sensor: {', '.join(silent)}."] if silent else []
+    said = [f"Measured by no sensor: {', '.join(silent)}."] if silent else []
     heading = "Air and material during the run"
     return sheet.finish(heading if title is None else title, small_print=said, stamp=stamp)

@@ -1,4 +1,4 @@
-"""Error curves over their axes with 95 % bands: of one method, of several, before and after."""
+"""Error curves over their axes: of one method, of several, before and after."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -126,7 +126,7 @@ def error_curves(
     if title is None:
         kinds = {curve_unit(name) for name in shown}
         what = {"m": "Translational errors", "rad": "Rotations"}.get("".join(kinds), "Errors")
-        title = f"{what} of the axes with 95 % bands"
+        title = f"{what} of the axes with 95 % coverage intervals"
     said = frame_sentences(drawn) if title else []
     return sheet.finish(title, small_print=said, stamp=stamp)
 

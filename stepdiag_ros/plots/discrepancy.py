@@ -105,7 +105,7 @@ def gap_map(
         if hasattr(panel.yaxis, "gridded"):
             panel.yaxis.gridded = panel.xaxis.gridded = False
     heading = "The gap at every stop (passes in the order of measurement)"
-    said = [f"A dash: below {-_MARKED * reach:.2g} µm, to be told from above in a print in grey."]
+    said = [f"A dash: below {-_MARKED * reach:.2g} µm, as opposed to above, for a print in grey."]
     if not np.all(np.isfinite(gaps[0][1])):
         said.append("Grey without a dash: rejected or missing stops.")
     figure = sheet.finish(heading if title is None else title, small_print=said, stamp=stamp)

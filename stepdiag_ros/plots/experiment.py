@@ -205,7 +205,9 @@ def direct_comparison(
     sheet = Sheet(len(comparison.curves), _COLUMNS, 1.6, axes=axes, gap=(0.6, 0.6))
     for panel, one in zip(sheet.panels, comparison.curves, strict=True):
         _draw_comparison(panel, one, style_of(comparison.method))
-    heading = f"{method_title(comparison.method)} beside the direct measurement, 95 % bands"
+    heading = (
+        f"{method_title(comparison.method)} beside the direct measurement, 95 % coverage intervals"
+    )
     return sheet.finish(heading if title is None else title, stamp=stamp)
 
 

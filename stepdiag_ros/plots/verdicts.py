@@ -88,7 +88,7 @@ def visibility(
     ]
     if not visibility.chain:
         said.append("The kinematic chain is not known: rotations were not looked at.")
-    heading = "What these lines can tell of each error"
+    heading = "What these lines determine of each error"
     return sheet.finish(
         heading if title is None else title,
         small_print=said,

@@ -155,5 +155,5 @@ def diagonals_alone(*, title: str | None = None, stamp: str = "", axes: Any = No
     panel.set_xticks(places, [one.name for one in MACHINES_OF_RL])
     panel.margins(y=0.12)
     scales(panel, up="µm")
-    heading = "Diagonal tests alone do not tell volumetric accuracy (RL, 3D example)"
+    heading = "Diagonal tests alone do not determine volumetric accuracy (RL, 3D example)"
     return sheet.finish(heading if title is None else title, stamp=stamp)

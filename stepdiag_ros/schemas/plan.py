@@ -226,7 +226,10 @@ class Document:
     axes_without_line: (
         Annotated[
             Sequence[AxisWithoutLine],
-            means("Axes along which no linear line runs, of a plan with step diagonals."),
+            means(
+                "Axes along which no linear line runs from the first corner, of a plan with step"
+                " diagonals, where such a line would halve U at least."
+            ),
         ]
         | UnsetType
     ) = UNSET

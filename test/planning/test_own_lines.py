@@ -38,6 +38,19 @@ def test_an_axis_without_a_line_is_named_with_its_uncertainty_and_the_price_of_a
     assert not any("E_XX" in text for text in summary_sentences(full, None))
 
 
+def test_a_line_at_another_edge_does_not_take_the_place_of_that_from_the_first_corner():
+    whole, plan = without("x")
+    machine = load_machine("demo")[0]
+    away = [
+        replace(line, offset=(0.0, 0.12, 0.12))
+        for line in whole.lines
+        if (line.kind, line.name) == (LINEAR, "x")
+    ]
+    shifted = replace(whole, lines=(*plan.lines, *away))
+    (one,) = assess(shifted, machine, NOISE).without_line
+    assert one.curve == "E_XX" and one.uncertainty > 2.0 * one.with_line
+
+
 def test_a_plan_without_step_diagonals_says_nothing_of_axes_without_a_line():
     plan = load_plan("demo")[0]
     lines = tuple(line for line in plan.lines if line.kind == LINEAR and line.name != "x")

@@ -326,9 +326,9 @@ def test_what_would_show_an_angular_error_does_show_it():
     """The remedies in the limits are tried here again, by hand."""
     plan = usual()
     said = " ".join(assess(plan, MACHINE, NOISE).limits)
-    assert "E_AX, E_CX, E_AZ, E_BZ, E_CZ would show with the move orders XYZ, YZX, ZXY" in said
-    assert "E_BX would show with a linear line x shifted by 0,0,0.39 m" in said
-    assert "E_BY: shown by no linear line" in said
+    assert "E_AX, E_CX, E_AZ, E_BZ, E_CZ: not determined; the move orders XYZ, YZX, ZXY" in said
+    assert "E_BX: not determined; a linear line x shifted by 0,0,0.39 m" in said
+    assert "E_BY: not determined, and no linear line" in said
     before = visibility(plan, "YXZ", NOISE)
     assert before.row("E_BX").status != DETERMINED
     edge = next(group for group in EDGE_LINES if group.names == ("x",) and group.corner[2] == 1)

@@ -85,7 +85,7 @@ def test_the_legend_is_clear_of_the_small_print_and_of_the_scales(nine):
 
 def test_heading_legend_frame_and_stamp_stand_once(nine, report):
     said = [text.get_text() for text in nine.texts]
-    assert said[0] == "Translational errors of the axes with 95 % bands"
+    assert said[0] == "Translational errors of the axes with 95 % coverage intervals"
     for label in (*TITLES, TRUTH):
         assert said.count(label) == 1
     assert said[-1] == "a plan, run 7"

@@ -151,7 +151,7 @@ def test_weather_has_a_panel_for_what_was_told_and_says_what_was_not():
     np.testing.assert_allclose(line.get_ydata(), [1013.25, 1013.26, 1013.27])
     assert figure.axes[1].get_lines()[0].get_ydata()[0] == pytest.approx(45.0)
     said = " ".join(text.get_text() for text in figure.texts)
-    assert "Not told by any sensor: air temperature, material temperature." in said
+    assert "Measured by no sensor: air temperature, material temperature." in said
     assert plots.weather([]) is None
 
 

@@ -133,7 +133,7 @@ def signatures(
                     hidden[candidate.label] = str(error)
                     continue
                 if not np.all(np.isfinite(columns)):
-                    hidden[candidate.label] = "the run does not tell all that it depends on"
+                    hidden[candidate.label] = "the run does not show all that it depends on"
                 elif not np.any(columns):
                     hidden[candidate.label] = "it changes no reading of this run"
                 elif blurred:

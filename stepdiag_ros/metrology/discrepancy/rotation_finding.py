@@ -82,7 +82,7 @@ def explained_by(chosen: tuple[Finding, ...]) -> tuple[str, str]:
         )
         named = " and ".join(_with_equivalents(one) for one in chosen if not one.ambiguous)
         first = f"The model lacks {named}. The rest of the gap" if named else "The gap"
-        sentence = f"{first} closes, but this run cannot tell by what: {words}."
+        sentence = f"{first} closes, but this run does not determine by what: {words}."
         return verdicts.AMBIGUOUS, sentence + (over if ends else "")
     words = " and ".join(map(_with_equivalents, chosen))
     return verdicts.NAMED, f"The model lacks {words}; with that, model and run agree."

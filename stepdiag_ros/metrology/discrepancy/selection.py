@@ -72,7 +72,7 @@ class Selection:
     def contrived(self) -> str:
         """Say why the choice closes the gap but is not an explanation; empty if it may be one."""
         if len(self.chosen) >= MOST_NAMES:
-            return f"it takes {len(self.chosen)} effects at once, which is no explanation"
+            return f"it takes {len(self.chosen)} effects at once, which explains nothing"
         names = [self._found.candidates[index].effect.name for index in self.chosen]
         for name in dict.fromkeys(names):
             kinds = {
@@ -81,7 +81,7 @@ class Selection:
                 if one.effect.name == name
             }
             if names.count(name) > _MOST_ALIKE and len(kinds) > _MANY_KINDS:
-                return f"it takes {names.count(name)} times a {name}, which is no explanation"
+                return f"it takes {names.count(name)} times a {name}, which explains nothing"
         return ""
 
     @property

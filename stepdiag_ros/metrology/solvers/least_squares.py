@@ -238,12 +238,14 @@ def _not_determined(observations: Observations, estimate: CurveEstimate) -> list
             shape_only.append(name)
         elif np.any(known[row, 1:-1]):
             at = ", ".join(str(node) for node in np.flatnonzero(~known[row]))
-            partly.append(f"{name} at the nodes {at}: the lines so far do not tell these points.")
+            partly.append(
+                f"{name} at the nodes {at}: the lines so far do not determine these points."
+            )
         else:
             nothing.append(name)
     words = []
     if nothing:
-        words.append(f"{', '.join(nothing)}: the lines so far do not tell these curves.")
+        words.append(f"{', '.join(nothing)}: the lines so far do not determine these curves.")
     words.extend(partly)
     if shape_only:
         words.append(f"{', '.join(shape_only)}: only the shape is determined, not the slope.")

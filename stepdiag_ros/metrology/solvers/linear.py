@@ -135,7 +135,7 @@ def apply(
         used_lines,
         len(set(observations.passes[np.array(used)])),
         figures,
-        not_determined=[f"{', '.join(untold)}: these lines do not tell them."] if untold else [],
+        not_determined=untold and [f"{', '.join(untold)}: these lines do not determine them."],
         remarks=[*remarks, *noise_remarks, *rotation_remarks(measurement, both.rotations)],
         frame=frame,
         chain=measurement.chain,

@@ -314,7 +314,7 @@ def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str
         ]
     if rotations.chance < SHOWN and misfit:
         return [
-            f"A part of the misfit looks like rotations of the axes, {size} in size (p ="
+            f"A part of the lack of fit looks like rotations of the axes, {size} in size (p ="
             f" {rotations.chance:.1g}); the diagnosis says what it is. All uncertainties contain"
             f" rotations of that size.{chain}"
         ]

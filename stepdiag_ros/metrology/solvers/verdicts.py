@@ -70,7 +70,11 @@ class VerdictRow:
         if self.status == PARTLY:
             return f"{PARTLY}: {self.part}" + (f"; the rest with {others}" if others else "")
         if self.status == CONFOUNDED:
-            return f"confounded with {others}" if others else "confounded in itself"
+            return (
+                f"confounded with {others}"
+                if others
+                else "confounded: another shape of it gives the same readings"
+            )
         if self.status == INVISIBLE:
             return (
                 f"invisible: {others} can do the same" if others else "invisible: no line sees it"

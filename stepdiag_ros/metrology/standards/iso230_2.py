@@ -182,7 +182,7 @@ def _departures(runs: BidirectionalRuns) -> list[str]:
             f" {RUNS_OF_THE_STANDARD} each"
         )
     if max(forward, backward) == 1:
-        said.append("a single run tells no repeatability: s, R and A are unknown")
+        said.append("a single run shows no repeatability: s, R and A are unknown")
     if not is_diagonal(runs.kind) and len(runs.target) < TARGETS_OF_THE_STANDARD:
         said.append(
             f"{len(runs.target)} targets; ISO 230-2 asks for at least {TARGETS_OF_THE_STANDARD}"

@@ -150,7 +150,7 @@ def error_curves(points: Points, chain: str) -> VolumetricErrors:
     said = []
     if missing:
         said.append(
-            f"{', '.join(missing)}: the points of one reflector do not tell all of it; a"
+            f"{', '.join(missing)}: the points of one reflector do not determine all of it; a"
             " second reflector at another offset, or an angular measurement, would"
         )
     return make_result(

@@ -55,13 +55,13 @@ _STEEPEST = np.radians(60.0)
 _MOST_OBLIQUE = 0.05
 """Larger tangents between beam and line let more than a twentieth of what is across it in."""
 LINES_ALONE = (
-    "Slopes of the lines, reckoned from the located tracker, carry what its place is wrong by;"
+    "Slopes of the lines, calculated from the located tracker, contain the error of its place;"
     " the joint estimate from all readings does not. Their U, that of the squareness from them"
     " and that of single lines is as large as they depart from the joint estimate of the same"
     " quantity."
 )
 NO_BANDS = (
-    "Without a joint estimate nothing tells what straightness and angles do to slopes, squareness"
+    "Without a joint estimate nothing shows what straightness and angles do to slopes, squareness"
     " and single lines: their U is unknown, and that of the tracker's place is of lengths alone."
 )
 

@@ -231,7 +231,7 @@ def _rough(model: Model, changes: Vector, spread: Vector, start: Vector) -> Vect
         return adjust(model, changes, spread, start).parameters
     except PoorGeometry:
         raise PoorGeometry(
-            "scales, squareness and the tracker's place cannot be told from these places"
+            "scales, squareness and the tracker's place cannot be determined from these places"
             " together; measure all seven lines, and places on other sides of the tracker"
         ) from None
 

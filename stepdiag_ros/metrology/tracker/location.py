@@ -179,7 +179,7 @@ def locate(
         elif flat:
             raise PoorGeometry(
                 "all places are in one plane, and two places of the tracker mirrored in it fit"
-                " alike; go to a place outside of the plane, or tell roughly where it stands",
+                " alike; go to a place outside of the plane, or state roughly where it stands",
                 fault="ambiguous",
             )
         fit = adjust(lambda at: station_model(points, at), changes, np.array(spread), start)

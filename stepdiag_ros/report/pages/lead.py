@@ -224,9 +224,9 @@ def _worst(material: Material, judged: ToleranceJudgement, headline: str) -> str
 def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]:
     limit = judged.limit
     if material.report.preferred() is None:
-        return "open", "This run does not tell the machine's errors"
+        return "open", "This run does not determine the machine's errors"
     if not math.isfinite(judged.value):
-        return "open", "This run tells only a part of the machine's errors"
+        return "open", "This run determines only some of the machine's errors"
     if material.lead.verdict.name in (UNEXPLAINED, DESCRIBED):
         return "bad", "Something acts in this machine that the error curves do not contain"
     words = {
@@ -235,7 +235,10 @@ def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]
             f"The machine keeps its limit of {limit} in the measured volume",
         ),
         EXCEEDS: ("bad", f"The machine exceeds its limit of {limit} in the measured volume"),
-        OPEN: ("open", f"Whether the machine keeps its limit of {limit} cannot be told"),
+        OPEN: (
+            "open",
+            f"The measurement does not decide whether the machine keeps its limit of {limit}",
+        ),
     }
     if judged.verdict not in words:
         if judged.noise:
@@ -248,7 +251,7 @@ def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]
 def _judged(judged: ToleranceJudgement) -> list[str]:
     if not math.isfinite(judged.value):
         nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {judged.limit}"
-        return [f"How large the largest error in the volume is these lines do not tell{nor}."]
+        return [f"These lines do not determine the largest error in the volume{nor}."]
     if judged.verdict == NOT_ASKED:
         return ["Whether the largest error is good enough was not asked: no limit was agreed."]
     limit = judged.limit
@@ -285,10 +288,10 @@ def _basis(material: Material) -> str:
     )
     scale = laser_scale(material.measurement.plausible)
     return (
-        "Each ± on this page and the next is the larger of two. The first"
+        "Each ± on this page and the next is the larger of two. One"
         f"{narrow} contains the scatter of the readings, {scale}, and pitch, yaw and roll as far as"
         f" the readings of this run leave them open; tables headed '{OF_READINGS}' show it. The"
-        f" second{wide} is U of the uncertainty budget."
+        f" other{wide} is U of the uncertainty budget."
         f" {_of_rotations(material)} {_of_laser(material)} {_plausible_size(material)}"
     )
 
@@ -368,7 +371,7 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
             said += [f"{text[:1].lower()}{text[1:]}" for text in proposed[:1]]
         if diagnosis.verdict == AMBIGUOUS:
             said.append(
-                "measure what tells the causes apart; possible are"
+                "measure what distinguishes the causes; possible are"
                 f" {rivals_words(material.diagnosis)}."
             )
             said += [f"measure next: {text}" for text in proposed[:1]]

@@ -162,7 +162,7 @@ class Material:
             return machine_from_text(self.recorded.machine_text, f"{self.recorded.path}: machine")
         except ValueError:
             # An imported table tells a name and perhaps a chain, which is no fault.
-            self._missing["machine"] = "The bag tells of the machine no more than its name."
+            self._missing["machine"] = "The bag holds nothing of the machine but its name."
             return None
 
     @cached_property

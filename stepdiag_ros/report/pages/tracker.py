@@ -108,9 +108,7 @@ class TrackerHandover:
         if not self._stations:
             result = self._material.report.results[0]
             headline = f"Error curves of the machine, from {result.lines} stations of the tracker."
-            said = [
-                "Whether the readings agree with each other is told by χ² in the chapter below."
-            ]
+            said = ["χ² in the chapter below shows whether the readings agree with each other."]
             return Lead("open" if missing else "neutral", headline, (*missing, *said))
         found = [report.verdict for report in self._stations]
         worst = next(name for name in _HEADLINES if name in {one.name for one in found})

@@ -216,8 +216,8 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
     )
     sentences += _room_sentences(assessment)
     sentences += [
-        f"{one.axis} has no linear line: U of its positioning {one.curve} is"
-        f" {size_words(COVERAGE_FACTOR * one.uncertainty, 'm')}. With a line along {one.axis},"
+        f"{one.axis} has no linear line from the first corner of the box: U of its positioning"
+        f" {one.curve} is {size_words(COVERAGE_FACTOR * one.uncertainty, 'm')}. With such a line,"
         f" which takes {hours(one.seconds)}, it would be"
         f" {size_words(COVERAGE_FACTOR * one.with_line, 'm')}."
         for one in assessment.without_line

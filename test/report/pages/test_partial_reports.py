@@ -125,8 +125,8 @@ def test_one_axis_has_its_test_and_nothing_else_is_claimed(parts):
     assert {name for name, text in travels.items() if text == "90"} == {"E_XX", "E_YX", "E_ZX"}
     assert {text for text in travels.values() if text != "90"} == {"not moved"}
     assert told.headings[0] in (
-        "This run tells only a part of the machine's errors",
-        "This run does not tell the machine's errors",
+        "This run determines only some of the machine's errors",
+        "This run does not determine the machine's errors",
     )
 
 

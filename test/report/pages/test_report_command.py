@@ -384,7 +384,7 @@ def test_the_document_fits_its_schema_with_the_documents_in_it(document, validat
 
 def test_what_is_not_known_is_gathered(document, page):
     unknown = document["sections"]["unknown"]
-    assert unknown["Not told"] == [
+    assert unknown["Not stated"] == [
         "Where it was measured (--place).",
         "The number of the machine (--serial).",
         "The laser's certificate (--laboratory).",

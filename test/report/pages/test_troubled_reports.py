@@ -174,5 +174,5 @@ def test_where_nothing_could_contradict_the_model_no_gap_is_shown(tmp_path):
     assert decision["tested"] is False and decision["position"] is decision["value"] is None
     assert "Where the gap is" not in told.headings
     assert not [name for name in told.tables if name.startswith("The gap")]
-    assert "Squareness is unknown: the measured lines do not tell it." in told.text
-    assert "How large the largest error in the volume is these lines do not tell." in told.text
+    assert "Squareness is unknown: the measured lines do not determine it." in told.text
+    assert "These lines do not determine the largest error in the volume." in told.text

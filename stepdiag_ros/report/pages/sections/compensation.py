@@ -24,7 +24,7 @@ _NOT_YET = {
     " first.",
     AMBIGUOUS: "Do not install these tables yet: the run shows more than the error curves, several"
     " effects may be the cause, and a part of it may stand in the tables as an error of an axis."
-    " Measure first what tells them apart.",
+    " Measure first what distinguishes them.",
     NAMED: "Install these tables only when the named effects were seen to and the machine was"
     " measured again: a part of them may stand in the tables as an error of an axis.",
 }

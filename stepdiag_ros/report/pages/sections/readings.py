@@ -28,7 +28,7 @@ _ELSEWHERE = (
 
 
 def _table(material: Material) -> Table:
-    heads = ("line", "passes planned", "measured", "complete", "stops", "rejected", "begun anew")
+    heads = ("line", "passes planned", "measured", "complete", "stops", "rejected", "repeated")
     table = new_table("Passes and stops", *heads)
     for one in material.taken:
         counts = (one.planned, one.measured, one.complete, one.stops, one.rejected, one.again)

@@ -24,7 +24,7 @@ def _tell(material: Material) -> SectionContent | str:
         for figure in result.figures
     )
     if not known:
-        return "Squareness is unknown: the measured lines do not tell it."
+        return "Squareness is unknown: the measured lines do not determine it."
     drawing = Drawing(
         "squareness",
         ([preferred],),

@@ -45,7 +45,7 @@ def unknowns(material: Material) -> dict[str, list[str]]:
     if tests:
         unsure.append(f"For the uncertainty of the ISO 230 tests: {', '.join(tests)}.")
     found = {
-        "Not told": [f"{words[:1].upper()}{words[1:]}." for words in not_told],
+        "Not stated": [f"{words[:1].upper()}{words[1:]}." for words in not_told],
         "Not measured": [*lines, *repeats],
         "Not determined by the measured lines": errors,
         "Of the uncertainty": unsure,

@@ -1,4 +1,4 @@
-"""What these lines can tell of each of the 21 errors."""
+"""What these lines determine of each of the 21 errors."""
 
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.pictures import Drawing
@@ -10,8 +10,10 @@ from stepdiag_ros.text.table import with_rows
 def _tell(material: Material) -> SectionContent | str:
     found = material.report.visibility
     if found is None:
-        return "What these lines can tell was not computed."
-    drawing = Drawing("visibility", (found,), "What these lines tell of each error.", {"title": ""})
+        return "What these lines determine was not computed."
+    drawing = Drawing(
+        "visibility", (found,), "What these lines determine of each error.", {"title": ""}
+    )
     return SectionContent(
         {
             "tables": with_rows([visibility_table(found)]),
@@ -21,4 +23,4 @@ def _tell(material: Material) -> SectionContent | str:
     )
 
 
-SECTION = ReportSection("visibility", "What these lines can tell", 100, _tell)
+SECTION = ReportSection("visibility", "What these lines determine", 100, _tell)
