@@ -5,7 +5,7 @@ import math
 import re
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -241,7 +241,11 @@ def add_result_options(
 
 
 def show_report(
-    report: "Report", arguments: Namespace, default_folder: Path, details: bool = True
+    report: "Report",
+    arguments: Namespace,
+    default_folder: Path,
+    details: bool = True,
+    pictures: "Callable[[], Mapping[str, bytes]] | None" = None,
 ) -> int:
     """Write a report into its folder and print it as the user asked; return the exit code.
 
@@ -250,6 +254,7 @@ def show_report(
         arguments: parsed, with the options of ``add_result_options``.
         default_folder: where results go if the user named no folder.
         details: print all tables, not just what fits a screen, and draw all methods.
+        pictures: as of ``publish``.
 
     Returns:
         0; 1 if the lines were not enough for any method, or a result differs from the recorded one.
@@ -271,6 +276,7 @@ def show_report(
             arguments.squareness_sign,
             progress,
             all_methods=details,
+            pictures=pictures,
         )
     if arguments.json:
         print(report_json(report))

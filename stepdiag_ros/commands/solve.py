@@ -1,13 +1,23 @@
 """``stepdiag solve``: from a bag to volumetric errors, without any node."""
 
+import sys
 from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.air import add_air_options, air_choice
-from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
+from stepdiag_ros.commands.arguments import (
+    Command,
+    Group,
+    add_bag,
+    add_common,
+    picture_formats,
+    results_folder,
+)
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
@@ -22,6 +32,7 @@ FREE = "free"
 """Model of ``stepdiag run`` that is no more than what is solved: all error curves free."""
 
 if TYPE_CHECKING:
+    from stepdiag_ros.bags.run import RecordedRun
     from stepdiag_ros.evaluation.report import Report
 
 
@@ -75,38 +86,58 @@ def rotation_size(text: str) -> float:
 
 def run(arguments: Namespace) -> int:
     """Solve the bag; see the module."""
+    from stepdiag_ros.evaluation.recorded_run import judged
+    from stepdiag_ros.report.beside import process_beside, result_of
+    from stepdiag_ros.report.publish import drawn_pictures, get_ready_to_draw
+
+    folder = results_folder(arguments.bag)
+    formats, details = picture_formats(arguments), arguments.details or arguments.visibility
+    with ExitStack() as stack:
+        pool = None
+        # Drawing is got ready while the bag is read, unless this process can draw already.
+        if formats and arguments.bag.exists() and "matplotlib.figure" not in sys.modules:
+            pool = stack.enter_context(process_beside(get_ready_to_draw))
+        recorded, report = _solved(arguments)
+        if report is None:
+            from stepdiag_ros.commands.tracker_evaluate import show_run
+
+            return show_run(recorded, arguments, folder)
+        pictures = None
+        if pool is not None:
+            sign = arguments.squareness_sign
+            pictures = partial(
+                result_of, pool.submit(drawn_pictures, report, formats, sign, details)
+            )
+        report = _with_model_named(judged(report), arguments)
+        return show_report(report, arguments, folder, details, pictures)
+
+
+def _solved(arguments: Namespace) -> "tuple[RecordedRun, Report | None]":
+    """Return the run and its report without a verdict; None for one with a tracker."""
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.budget import with_budget
     from stepdiag_ros.evaluation.recorded_run import report_of_run
-    from stepdiag_ros.metrology.solvers.limits import BUDGET
+    from stepdiag_ros.metrology.solvers.limits import BUDGET, DIAGNOSIS
 
-    folder = results_folder(arguments.bag)
     with progress_bar(f"reading {arguments.bag.name}") as progress:
         recorded = load_run(arguments.bag, arguments.run_id)
-        if recorded.plan.tracker is None:
-            report = report_of_run(
-                recorded,
-                progress,
-                arguments.recorded_lines,
-                arguments.truth,
-                lambda measurement: corrected(measurement, arguments),
-                arguments.visibility,
-                air_choice(arguments),
-                warn,
-                with_verdict=True,
-                direct=direct_measurement(arguments),
-                rotation=arguments.rotations,
-                further=(BUDGET,),
-            )
-            expansion = nan if arguments.expansion is None else arguments.expansion
-            report = with_budget(report, expansion, arguments.material_temperature)
-    if recorded.plan.tracker is not None:
-        from stepdiag_ros.commands.tracker_evaluate import show_run
-
-        return show_run(recorded, arguments, folder)
-    report = _with_model_named(report, arguments)
-    details = arguments.details or arguments.visibility
-    return show_report(report, arguments, folder, details)
+        if recorded.plan.tracker is not None:
+            return recorded, None
+        report = report_of_run(
+            recorded,
+            progress,
+            arguments.recorded_lines,
+            arguments.truth,
+            lambda measurement: corrected(measurement, arguments),
+            arguments.visibility,
+            air_choice(arguments),
+            warn,
+            direct=direct_measurement(arguments),
+            rotation=arguments.rotations,
+            further=(BUDGET, DIAGNOSIS),
+        )
+        expansion = nan if arguments.expansion is None else arguments.expansion
+        return recorded, with_budget(report, expansion, arguments.material_temperature)
 
 
 def _with_model_named(report: "Report", arguments: Namespace) -> "Report":

@@ -129,16 +129,22 @@ def _report_of_run(
             *diagnosed(recorded),
             *((sentence,) if sentence else ()),
         ),
-        verdict=verdict_on(measurement) if with_verdict and measurement.lines else None,
         passes=completeness_of(recorded, measurement),
         recording=flaws,
     )
-    return replace(
+    report = replace(
         report,
         target=target_standing(recorded, measurement, report.results),
         routine=(remark, *diagnosed(recorded)),
         rotation_stated=rotation is not None or ROTATIONS_KEY in recorded.machine,
     )
+    return judged(report) if with_verdict else report
+
+
+def judged(report: Report) -> Report:
+    """Return a report with the verdict of a diagnosis of its lines."""
+    assert report.measurement is not None
+    return replace(report, verdict=verdict_on(report.measurement))
 
 
 def target_standing(

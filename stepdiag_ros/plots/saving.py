@@ -29,8 +29,15 @@ def save(figure: Figure, path: Path | str) -> None:
     path = Path(path)
     if path.suffix not in FORMATS:
         raise Refusal(f"{path.name}: pictures are written as .png, .svg or .pdf", fault="unknown")
-    more: dict[str, Any] = {"pil_kwargs": _QUICK} if path.suffix == ".png" else {}
-    figure.savefig(path, **more)
+    path.write_bytes(file_bytes(figure, path.suffix[1:]))
+
+
+def file_bytes(figure: Figure, picture_format: str) -> bytes:
+    """Return a figure as the content of a file: png, svg or pdf."""
+    more: dict[str, Any] = {"pil_kwargs": _QUICK} if picture_format == "png" else {}
+    stream = io.BytesIO()
+    figure.savefig(stream, format=picture_format, **more)
+    return stream.getvalue()
 
 
 def png_bytes(figure: Figure, dpi: float = DOTS_PER_INCH) -> bytes:

@@ -4,6 +4,7 @@ import io
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
@@ -110,6 +111,7 @@ def publish(
     definition: SignDefinition = "rotation",
     progress: Callable[[float, str], None] | None = None,
     all_methods: bool = False,
+    pictures: Callable[[], Mapping[str, bytes]] | None = None,
 ) -> list[Path]:
     """Write ``results.json``, ``report.txt`` and the pictures, in place of earlier ones.
 
@@ -121,6 +123,7 @@ def publish(
             holds the right-handed rotation.
         progress: called before each file with the part that is done (0..1) and the file's name.
         all_methods: draw also the error curves of all methods beside each other.
+        pictures: returns what ``drawn_pictures`` does, from another process; None: drawn here.
 
     Returns:
         The files, in the order in which they were written.
@@ -132,26 +135,70 @@ def publish(
     """
     text = io.StringIO()
     print_report(report, make_console(text), definition)
-    contents = {"results.json": report_json(report) + "\n", "report.txt": text.getvalue()}
+    contents: dict[str, str | bytes] = {
+        "results.json": report_json(report) + "\n",
+        "report.txt": text.getvalue(),
+    }
     experiment = experiment_of(report)
     if experiment is not None:
         contents.update(experiment_texts(experiment))
-
-    def draw() -> "dict[str, Picture]":
-        # matplotlib is slow to import, so it is only here that pictures are asked for.
-        from stepdiag_ros.plots.files.experiment import draw_experiment
-        from stepdiag_ros.plots.files.run import draw_all
-
-        more = {} if experiment is None else draw_experiment(experiment)
-        return draw_all(report, definition, all_methods) | more
-
+    if progress is not None:
+        progress(0.0, "pictures")
+    draw = pictures or partial(drawn_pictures, report, picture_formats, definition, all_methods)
+    contents.update(draw())
     names = (*RUN_PICTURES, *EXPERIMENT_PICTURES)
-    return write_results(folder, contents, draw, picture_formats, progress, names)
+    return write_results(folder, contents, dict, (), progress, names)
+
+
+def drawn_pictures(
+    report: Report,
+    picture_formats: tuple[str, ...],
+    definition: SignDefinition = "rotation",
+    all_methods: bool = False,
+) -> dict[str, bytes]:
+    """Return the pictures of a report by the names of their files; arguments as of ``publish``.
+
+    Raises:
+        ValueError: an unknown picture format.
+    """
+    _check_formats(picture_formats)
+    if not picture_formats:
+        return {}
+    # matplotlib is slow to import, so it is only here that pictures are asked for.
+    from stepdiag_ros.plots.files.experiment import draw_experiment
+    from stepdiag_ros.plots.files.run import draw_all
+    from stepdiag_ros.plots.saving import file_bytes
+
+    experiment = experiment_of(report)
+    figures = draw_all(report, definition, all_methods)
+    if experiment is not None:
+        figures |= draw_experiment(experiment)
+    return {
+        f"{name}.{picture_format}": file_bytes(figure, picture_format)
+        for name, figure in figures.items()
+        for picture_format in picture_formats
+    }
+
+
+def get_ready_to_draw() -> None:
+    """Import what ``drawn_pictures`` needs."""
+    import stepdiag_ros.plots.files.experiment
+    import stepdiag_ros.plots.files.run
+    import stepdiag_ros.plots.saving  # noqa: F401
+
+
+def _check_formats(picture_formats: tuple[str, ...]) -> None:
+    for picture_format in picture_formats:
+        if picture_format not in PICTURE_FORMATS:
+            raise Refusal(
+                f"there is no picture format '{picture_format}': use {', '.join(PICTURE_FORMATS)}",
+                fault="unknown",
+            )
 
 
 def write_results(
     folder: Path,
-    contents: Mapping[str, str],
+    contents: Mapping[str, str | bytes],
     draw: "Callable[[], Mapping[str, Picture | bytes]]",
     picture_formats: tuple[str, ...] = ("png",),
     progress: Callable[[float, str], None] | None = None,
@@ -161,7 +208,7 @@ def write_results(
 
     Args:
         folder: made if it is not there.
-        contents: name of a file → its text; blanks at the ends of lines are left out.
+        contents: name of a file → its text, without blanks at the ends of lines, or its bytes.
         draw: returns the pictures by the names of their files without ending, those that are
             finished in their format as bytes; only called if pictures are wanted.
         picture_formats: any of ``PICTURE_FORMATS``; none leaves the pictures out.
@@ -177,12 +224,7 @@ def write_results(
         ValueError: an unknown picture format, or the folder cannot be made.
         OSError: a file cannot be written.
     """
-    for picture_format in picture_formats:
-        if picture_format not in PICTURE_FORMATS:
-            raise Refusal(
-                f"there is no picture format '{picture_format}': use {', '.join(PICTURE_FORMATS)}",
-                fault="unknown",
-            )
+    _check_formats(picture_formats)
     tell = progress or _tell_nobody
     pictures: dict[str, Picture | bytes] = {}
     if picture_formats:
@@ -201,15 +243,14 @@ def write_results(
     written: list[Path] = []
     for name in (*contents, *pictures):
         tell(len(written) / (len(contents) + len(pictures)), name)
-        with whole_file(folder / name) as partial:
-            picture = pictures.get(name)
-            if picture is None:
-                text = without_trailing_blanks(contents[name])
-                partial.write_text(text, encoding="utf-8")
-            elif isinstance(picture, bytes):
-                partial.write_bytes(picture)
+        with whole_file(folder / name) as file:
+            content = pictures[name] if name in pictures else contents[name]
+            if isinstance(content, str):
+                file.write_text(without_trailing_blanks(content), encoding="utf-8")
+            elif isinstance(content, bytes):
+                file.write_bytes(content)
             else:
-                save(picture, partial)
+                save(content, file)
         written.append(folder / name)
     for path in {*earlier} - {*written}:
         path.unlink(missing_ok=True)

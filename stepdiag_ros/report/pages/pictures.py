@@ -6,25 +6,18 @@ own while this one goes on. A page can be laid out as soon as the sizes of its p
 """
 
 import base64
-import gc
-import signal
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
-from multiprocessing import get_context
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from stepdiag_ros.metrology.refusal import Unusable
 from stepdiag_ros.plots.places import WHOLE, Place, printed_at
+from stepdiag_ros.report.beside import process_beside, result_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_Made = TypeVar("_Made")
 
 DOTS_PER_INCH = 200
 """Of pictures in pages: sharp in print at the width that they are made for."""
@@ -157,14 +150,10 @@ def _finish(address: str) -> bytes:
 
 def _get_ready() -> None:
     """Import what drawing needs, while the other process reads and computes."""
-    # What is imported stays until the end: looking through it for unused cycles is in vain.
-    gc.disable()
     from stepdiag_ros import plots
 
     for name in plots.__all__:
         getattr(plots, name)
-    gc.freeze()
-    gc.enable()
 
 
 class Studio:
@@ -210,56 +199,15 @@ class Studio:
     def _drawn(self, drawing: Drawing, address: str) -> Drawn | None:
         if self._pool is None:
             return draw(drawing, address)
-        found = _result(self._begun[address])
+        found = result_of(self._begun[address])
         if found is None or isinstance(found, str):
             return _nothing(found)
         png = self._pool.submit(_finish, address)
-        return Drawn(drawing.caption, address, found, drawing.place.share, partial(_result, png))
+        return Drawn(drawing.caption, address, found, drawing.place.share, partial(result_of, png))
 
 
 def _address(chapter: str, name: str) -> str:
     return f"picture:{chapter}.{name}"
-
-
-def _result(begun: "Future[_Made]") -> _Made:
-    """Wait for a piece of work of the process that draws.
-
-    Raises:
-        OSError: the process has ended.
-    """
-    try:
-        return begun.result()
-    except BrokenProcessPool:
-        raise Unusable(
-            "the process that draws the pictures has ended before it was done: is there enough"
-            " memory?",
-            fault="stopped",
-        ) from None
-
-
-@contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while a process is started, which then never gets it.
-
-    A terminal sends it to both. The other process ends when this one ends the pool; by itself it
-    would tell its own end in a traceback. What is blocked stays so in a new process from its first
-    instruction on, which no function that it runs could bring about.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    # A thread of a numerical library may take the signal in spite of that, and Python would then
-    # raise it here, with the new process half begun.
-    come: list[int] = []
-    handler = None
-    if threading.current_thread() is threading.main_thread():
-        handler = signal.signal(signal.SIGINT, lambda number, _: come.append(number))
-    try:
-        yield
-    finally:
-        if handler is not None:
-            signal.signal(signal.SIGINT, handler)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    if come:
-        signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
@@ -272,12 +220,5 @@ def studio(beside: bool = True) -> Iterator[Studio]:
     if not beside:
         yield Studio()
         return
-    # A new interpreter: what was forked from a process with threads may hang.
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        with interrupts_held():
-            pool.submit(_get_ready)
-        try:
-            yield Studio(pool)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with process_beside(_get_ready) as pool:
+        yield Studio(pool)
