@@ -11,6 +11,7 @@ from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.axis_test import (
     NO_OVERRUN,
     ON_THE_DIAGONAL_BY_STEPS,
+    STEPS_BEGIN_AT_THE_END,
     WITHOUT_OVERRUN,
     BidirectionalRuns,
     all_runs,
@@ -125,7 +126,7 @@ def test_step_diagonals_tell_the_same_at_the_ends_of_their_blocks(name):
     (other,) = all_runs(simulate(by_steps, tilted))
     np.testing.assert_allclose(other.target, one.target)
     np.testing.assert_allclose(other.forward[0], one.forward[0] - one.forward[0][0], atol=3e-9)
-    assert other.remarks == (ON_THE_DIAGONAL_BY_STEPS, WITHOUT_OVERRUN)
+    assert other.remarks == (ON_THE_DIAGONAL_BY_STEPS, STEPS_BEGIN_AT_THE_END)
     between = simulate(by_steps, tilted).lines[0]
     straight = simulate(by_steps, aligned).lines[0]
     assert np.max(np.abs(between.displacement - straight.displacement)) > 1e-6

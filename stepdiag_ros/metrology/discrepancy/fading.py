@@ -24,15 +24,13 @@ from stepdiag_ros.metrology.discrepancy.loose import span_beyond, unit_span
 from stepdiag_ros.metrology.discrepancy.rotation_finding import shaken_by
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO
 from stepdiag_ros.metrology.discrepancy.siblings import ONE_OF_AXES
-from stepdiag_ros.metrology.discrepancy.structure import FADING, creeps
+from stepdiag_ros.metrology.discrepancy.structure import FADING, RATIO_OF_CONSTANTS, creeps
 from stepdiag_ros.metrology.effects.domain import since_reversal
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
 from stepdiag_ros.metrology.effects.learned_shape import driver, fading_time, product_of
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
 
-_RATIO = 2.0**0.5
-"""Of one time constant to the next."""
 _MOST = 0.9
 """Share of the stops that come sooner after a reversal than the longest time constant."""
 _SAME = 1e-9
@@ -80,9 +78,8 @@ def fading(
         raw[:, 0], along * product_of(f"sense {axis.lower()}", stops)
     ):
         return None
-    shapes = creeps(
-        axis.lower(), stops, _RATIO, float(np.quantile(since_reversal(stops, axis), _MOST))
-    )
+    longest = float(np.quantile(since_reversal(stops, axis), _MOST))
+    shapes = creeps(axis.lower(), stops, RATIO_OF_CONSTANTS, longest)
     fades = [along * product_of(shape, stops) for shape in shapes]
     free = [lasting.effect.unknown(lasting.setting, stops), *(one.free(stops) for one in others)]
     beside = span_beyond(problem, np.column_stack(free))

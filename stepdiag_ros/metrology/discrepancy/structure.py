@@ -36,6 +36,8 @@ _UNUSUAL = float(np.log(20.0))
 """Evidence that it costs a reading to depend on a place, a sense or the material's temperature
 otherwise than by a displacement, and a displacement or a rotation to depend on the temperature of
 the air: a structure follows its own temperature, and the air acts on the beam."""
+RATIO_OF_CONSTANTS = 2.0**0.5
+"""Of one time constant to the next, where what fades is written down."""
 FADING = float(np.log(60.0))
 """Evidence that it costs a sense to fade: every machine has backlash, which lasts. For odds of 1
 to 20, readings must favour what fades by 3 to 1 ("positive evidence", Kass & Raftery 1995, J. Am.
@@ -142,7 +144,7 @@ def _drivers(stops: Stops) -> list[_Driver]:
                 # What hardly fades before the axis turns round again depends on the sense alone.
                 longest = float(np.max(since_reversal(stops, letter)))
                 coarse = creeps(letter, stops, 4.0, longest)
-                fine = creeps(letter, stops, 2.0**0.5, 2.0 * longest)
+                fine = creeps(letter, stops, RATIO_OF_CONSTANTS, 2.0 * longest)
                 made.append(_Driver("creep", coarse, coarse, fine))
     if timed:
         made.append(_time(duration))
@@ -171,7 +173,7 @@ def _time(duration: float) -> _Driver:
     few = ("t^1", "t^2")
     starts, more = (
         tuple(f"start {one}s" for one in _constants(duration / 30, duration, ratio))
-        for ratio in (3.0, 2.0**0.5)
+        for ratio in (3.0, RATIO_OF_CONSTANTS)
     )
     return _Driver("time", few, (*few, "t^3", *starts), (*few, "t^3", "t^4", *more))
 

@@ -29,7 +29,12 @@ WITHOUT_OVERRUN = (
     "the runs begin at the end targets, not beyond them (no overrun), so these may not have been"
     " approached from both sides: the reversal error there may be too small"
 )
-_ENDS_IN_DOUBT = {NO_OVERRUN, WITHOUT_OVERRUN}
+STEPS_BEGIN_AT_THE_END = (
+    "a run of steps begins at its end target (only lines along an axis or a diagonal have an"
+    " overrun), so that this target is not approached from both sides: the reversal error there may"
+    " be too small"
+)
+_ENDS_IN_DOUBT = {NO_OVERRUN, WITHOUT_OVERRUN, STEPS_BEGIN_AT_THE_END}
 
 
 @dataclass(frozen=True)
@@ -201,7 +206,8 @@ def runs_of(lines: Iterable[MeasuredLine], volume: Volume) -> BidirectionalRuns 
         remarks.append(ON_THE_DIAGONAL_BY_STEPS)
     if forward and backward and not all(one.overrun > 0.0 for one in lines):
         unknown = any(np.isnan(one.overrun) for one in lines)
-        remarks.append(NO_OVERRUN if unknown else WITHOUT_OVERRUN)
+        at_the_end = STEPS_BEGIN_AT_THE_END if line.kind == STEP_DIAGONAL else WITHOUT_OVERRUN
+        remarks.append(NO_OVERRUN if unknown else at_the_end)
     empty = np.empty((0, len(along)))
     return BidirectionalRuns(
         name=name,

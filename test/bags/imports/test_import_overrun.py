@@ -16,7 +16,7 @@ from stepdiag_ros.metrology.discrepancy.diagnose import diagnose
 from stepdiag_ros.metrology.discrepancy.findings import AMBIGUOUS, NAMED
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plan import STEP_DIAGONAL
-from stepdiag_ros.metrology.standards.axis_test import WITHOUT_OVERRUN, all_runs
+from stepdiag_ros.metrology.standards.axis_test import STEPS_BEGIN_AT_THE_END, all_runs
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
 
 LOST_MOTION, NOISE = 1.5e-6, 0.1e-6
@@ -113,7 +113,7 @@ def test_a_stated_overrun_that_does_not_apply_to_step_diagonals_is_named(overrun
     assert {line.overrun for line in made.lines if line.line.kind == STEP_DIAGONAL} == {0.0}
     assert any("step diagonals" in one for one in made.remarks) == (overrun > 0.0)
     (test, *_) = all_runs(Measurement(made.volume, made.lines))
-    assert WITHOUT_OVERRUN in test.remarks
+    assert STEPS_BEGIN_AT_THE_END in test.remarks
 
 
 def test_b_of_iso_230_2_contains_all_targets_whatever_is_known_of_the_overrun(table):
