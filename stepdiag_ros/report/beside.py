@@ -62,7 +62,7 @@ def interrupts_held() -> Iterator[None]:
     """Hold Ctrl-C back while a process is started, which then never gets it.
 
     A terminal sends it to both. The other process ends when this one ends the pool; by itself it
-    would tell its own end in a traceback. What is blocked stays so in a new process from its first
+    would end with a traceback. What is blocked stays so in a new process from its first
     instruction on, which no function that it runs could bring about.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -3,6 +3,7 @@
 import errno
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 from refused import refused
 from results_by_hand import make_measurement, make_report, make_result, with_rotations
@@ -65,11 +66,12 @@ def test_publish_writes_whole_files_only(tmp_path, monkeypatch):
         path.name for path in files
     )
 
-    def full_disk(_, path):
-        path.write_bytes(b"half")
+    def full_disk(path, content):
+        with path.open("wb") as file:
+            file.write(content[: len(content) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("stepdiag_ros.plots.saving.save", full_disk)
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
     with refused(OSError, errno=errno.ENOSPC):
         publish(make_report(), tmp_path / "full")
     assert sorted(path.name for path in (tmp_path / "full").iterdir()) == [

@@ -165,7 +165,7 @@ def lead_of(material: Material) -> Lead:
     sentences = [*sentences_of(material.lead), *_judged(judged)]
     if math.isfinite(judged.value):
         sentences.append(f"Temperature of these results: {temperature_words(material)}.")
-    sentences.append(f"How sure: {_basis(material)}")
+    sentences += _basis(material)
     first, *others = what_to_do(material, judged)
     sentences += [f"What to do: {first}", *(f"Then: {text}" for text in others)]
     facts = tuple(_facts(material, judged))
@@ -196,7 +196,7 @@ def _lead_of_tests(
         sentences += _judged(judged)
     sentences.append(f"Temperature of these results: {temperature_words(material)}.")
     if not material.uneven:
-        sentences.append(f"How sure: {_basis(material)}")
+        sentences += _basis(material)
         facts.append(Fact("Model and run", verdict_words(material)))
     first, *others = what_to_do(material, judged)
     sentences += [f"What to do: {first}", *(f"Then: {text}" for text in others)]
@@ -276,24 +276,25 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
     return [reason[judged.verdict] + elsewhere + rests]
 
 
-def _basis(material: Material) -> str:
+def _basis(material: Material) -> list[str]:
     """Say what the ± hold."""
     if not any(math.isfinite(one.value) for one in material.single_errors):
-        return "The ± in the sections are those without the uncertainty budget."
+        return ["How sure: The ± in the sections are those without the uncertainty budget."]
     narrow, wide = (
-        f", {with_uncertainty(one.value, one.value * IN_MICRO)[1]} µm for the largest error,"
+        f", {with_uncertainty(one.value, one.value * IN_MICRO)[1]} µm for the largest error"
         if math.isfinite(one.value)
         else ""
         for one in (material.expanded_of_readings, material.expanded_of_budget)
     )
     scale = laser_scale(material.measurement.plausible)
-    return (
-        "Each ± on this page and the next is the larger of two. One"
-        f"{narrow} contains the scatter of the readings, {scale}, and pitch, yaw and roll as far as"
-        f" the readings of this run leave them open; tables headed '{OF_READINGS}' show it. The"
-        f" other{wide} is U of the uncertainty budget."
-        f" {_of_rotations(material)} {_of_laser(material)} {_plausible_size(material)}"
-    )
+    return [
+        "How sure: Each ± on this page and the next is the larger of two.",
+        f"By the readings{narrow}: It contains the scatter of the readings, {scale}, and pitch, yaw"
+        f" and roll as far as the readings of this run leave them open. Tables headed"
+        f" '{OF_READINGS}' show it.",
+        f"By the uncertainty budget{wide}: {_of_rotations(material)} {_of_laser(material)}",
+        _plausible_size(material),
+    ]
 
 
 def _of_rotations(material: Material) -> str:
@@ -338,14 +339,14 @@ def _plausible_size(material: Material) -> str:
     """Say what the plausible size of rotations is, who stated it, and how much of U it makes."""
     stated = material.given.instrument.angular_errors
     size = material.measurement.plausible.rotation
-    meaning = "Plausible size: standard deviation of each angle at the end of its travel;"
+    meaning = "standard deviation of each angle at the end of its travel"
     if stated.known:
         source = f"{stated.standard_uncertainty * IN_MICRO:.3g} µrad by the instrument file"
     elif ROTATIONS_KEY in material.recorded.machine:
         source = f"{size * IN_MICRO:.3g} µrad by '{ROTATIONS_KEY}' of the machine file"
     else:
         source = (
-            f"{size * IN_MICRO:.3g} µrad, assumed, because the machine file does not state"
+            f"{size * IN_MICRO:.3g} µrad, assumed because the machine file does not state"
             f" '{ROTATIONS_KEY}'"
         )
     most = ""
@@ -353,8 +354,8 @@ def _plausible_size(material: Material) -> str:
     if material.budget is not None and largest is not None:
         turning = [one.group == ANGULAR for one in material.budget.budget.sources]
         if 2.0 * np.nansum(largest.contributions[turning] ** 2) > largest.standard_uncertainty**2:
-            most = ". Most of the U of the largest error comes from it"
-    return f"{meaning} {source}{most}."
+            most = " Most of the U of the largest error comes from it."
+    return f"Plausible size of pitch, yaw and roll: {source} ({meaning}).{most}"
 
 
 def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:

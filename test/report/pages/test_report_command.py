@@ -37,6 +37,7 @@ from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.uncertainty.largest_error import budget_of_largest_error
 from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.report import beside
 from stepdiag_ros.report.pages import pictures
 from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.sections.measurement import _words_of
@@ -298,7 +299,7 @@ def test_ctrl_c_waits_until_the_process_that_draws_is_begun():
     other.start()
     begun = False
     try:
-        with pytest.raises(KeyboardInterrupt), pictures.interrupts_held():
+        with pytest.raises(KeyboardInterrupt), beside.interrupts_held():
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.05)
             begun = True
