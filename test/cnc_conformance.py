@@ -157,7 +157,7 @@ def check_two_axes_move_together(rig):
     start = operator.position
     target = add(start, x=0.01, y=0.005)
     operator.moved(target, "XY")
-    assert operator.position == pytest.approx(target, abs=operator.near())
+    assert operator.changes[-1].position == pytest.approx(target, abs=operator.near())
     for sample in operator.samples:
         x, y = sample.position[0] - start[0], sample.position[1] - start[1]
         # Axes may be told one after the other; a way around the corner would differ by 5 mm.
@@ -209,8 +209,9 @@ def check_one_move_at_a_time(rig):
         operator.move(add(start, y=0.01), "Y")
     with refused(MoveRefused, "busy", aspect="motion"):
         operator.device.reset(rig.now())
-    operator.until_state(CncState.READY)
-    assert operator.position == pytest.approx(add(start, x=0.01), abs=operator.near())
+    # On a busy computer the last sample may come from the way; the change states where it ended.
+    arrived = operator.until_state(CncState.READY)
+    assert arrived.position == pytest.approx(add(start, x=0.01), abs=operator.near())
     operator.moved(start, "X")
     operator.device.close()
 
@@ -228,6 +229,7 @@ def check_stop_brakes_and_wants_a_reset(rig):
     assert [change.state for change in operator.changes].count(CncState.STOPPED) == 1
     operator.events.clear()
     operator.watch(0.3)
+    operator.until(lambda: operator.samples)
     assert not operator.changes
     # It stands, short of the target.
     for sample in operator.samples:
@@ -244,7 +246,7 @@ def check_stop_brakes_and_wants_a_reset(rig):
     still = operator.samples[0].position
     assert operator.position == pytest.approx(still, abs=operator.near())
     operator.moved(start, "X")
-    assert operator.position == pytest.approx(start, abs=operator.near())
+    assert operator.changes[-1].position == pytest.approx(start, abs=operator.near())
     operator.device.close()
 
 
