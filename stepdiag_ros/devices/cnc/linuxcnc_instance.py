@@ -147,7 +147,7 @@ class LinuxCncInstance:
         self.stop()
 
     def start(self, powered: bool = True) -> None:
-        """Start LinuxCNC and wait until its agent listens.
+        """Start LinuxCNC and wait until its agent listens; what is left of an earlier one ends.
 
         Args:
             powered: e-stop released, machine on, homed where it stands, at 0, 0, 0.
@@ -155,6 +155,7 @@ class LinuxCncInstance:
         Raises:
             OSError: it did not come up; with the end of its log.
         """
+        self.stop()
         self._write_files()
         for path in (self.socket, self._bench):
             path.unlink(missing_ok=True)
