@@ -10,13 +10,15 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
 from unittest import mock
 
+FIRST_PORT, PORTS_EACH = 7400, 250
+"""Of a domain's participants: from 7400 + 250 × number on (RTPS 2.3, 9.6.1)."""
 NUMBERS = (*range(1, 101), *range(215, 231))
-"""Whose ports (from 7400 + 250 × number) Linux gives to nobody who asks for any port."""
+"""Whose ports Linux gives to nobody who asks for any port."""
 FOLDER = Path(tempfile.gettempdir()) / "stepdiag_test_domains"
 
 
@@ -47,7 +49,10 @@ def own_domain() -> Iterator[int]:
 def _first_free() -> tuple[int, IO[str]]:
     FOLDER.mkdir(exist_ok=True)
     left = {path.name: path.stat().st_mtime for path in FOLDER.iterdir()}
+    occupied = _occupied()
     for number in sorted(NUMBERS, key=lambda one: left.get(str(one), 0.0)):
+        if number in occupied:
+            continue
         try:
             lock = (FOLDER / str(number)).open("a")
         except PermissionError:  # another user's
@@ -59,6 +64,15 @@ def _first_free() -> tuple[int, IO[str]]:
         else:
             return number, lock
     raise RuntimeError(f"all {len(NUMBERS)} ROS domains are taken by tests; see {FOLDER}")
+
+
+def _occupied() -> set[int]:
+    """Return the domains in which somebody is on this computer: a user's own, or a late node."""
+    with suppress(OSError):
+        lines = Path("/proc/net/udp").read_text().splitlines()[1:]
+        ports = [int(line.split()[1].partition(":")[2], 16) for line in lines]
+        return {(port - FIRST_PORT) // PORTS_EACH for port in ports}
+    return set()
 
 
 _rooms_held = 0

@@ -13,7 +13,7 @@ from patience import PATIENCE
 
 from stepdiag_ros.configuration import load_machine
 from stepdiag_ros.devices import Surroundings, prepare
-from stepdiag_ros.devices.cnc import CncEvent, CncState, PositionSample, StateChange
+from stepdiag_ros.devices.cnc import CncEvent, CncState, MoveRefused, PositionSample, StateChange
 from stepdiag_ros.devices.cnc.linuxcnc import LinuxCnc
 from stepdiag_ros.devices.cnc.linuxcnc_instance import LinuxCncInstance
 
@@ -102,7 +102,15 @@ class Watched:
 
     def go(self, *millimetres: float, feed: float = 0.1, axes: str = "X") -> None:
         x, y, z = (1e-3 * value for value in millimetres)
-        self.driver.start_move(time.time_ns(), (x, y, z), feed, axes)
+        end = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return self.driver.start_move(time.time_ns(), (x, y, z), feed, axes)
+            except MoveRefused as error:
+                # A busy computer has let this process wait for longer than the agent does.
+                if not str(error).startswith("the client was silent") or time.monotonic() > end:
+                    raise
+            self.reset()
 
     def position(self) -> tuple[float, float, float]:
         told = len(self.samples())
