@@ -13,7 +13,9 @@ from stepdiag_ros.metrology.plausible import FEWEST_MODES, modes
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
+from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
+from stepdiag_ros.metrology.solvers.rotations import SHOWN, turned
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import (
     coverage_factor,
@@ -24,6 +26,7 @@ from stepdiag_ros.metrology.uncertainty.instrument import Instrument, Spread, pe
 from stepdiag_ros.metrology.uncertainty.largest_error import budget_of_largest_error
 from stepdiag_ros.metrology.uncertainty.monte_carlo import check_budget
 from stepdiag_ros.metrology.uncertainty.sensitivity import sensitivity
+from stepdiag_ros.metrology.uncertainty.source import ANGULAR, MODEL
 
 METHODS = ("conventional", "setup_robust", "alternative", "least_squares")
 
@@ -48,6 +51,43 @@ def only(**known):
 def contribution(budget, source, quantity):
     names = [s.name for s in budget.sources]
     return budget.contributions[names.index(source), budget.row(quantity)]
+
+
+@pytest.fixture(scope="module", params=[0.0, 2.0, 20.0])
+def turning(request):
+    """A machine whose axes turn, in multiples of the plausible size, beyond doubt or not at all."""
+    plan = make_plan(repeats=2, directions=("forward", "backward"))
+    cell = make_cell(rotation=request.param * 10e-6)
+    return simulate(plan, cell, seed=4)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_budget_is_of_the_values_that_the_method_gives(turning, method):
+    budget = make_budget(turning, perfect(), method)
+    result = solve(turning, method)
+    for row, quantity in enumerate(budget.sensitivity.quantities):
+        value = budget.sensitivity.values[row]
+        if quantity.curve:
+            expected = result.curves[quantity.curve][quantity.node]
+        else:
+            expected = result.figure(quantity.name).value
+        assert value == pytest.approx(expected, rel=1e-9, abs=1e-15), quantity.name
+
+
+def test_rotations_that_the_readings_show_are_no_lack_of_fit_and_as_large_as_shown(turning):
+    both = turned(turning, observe(turning))
+    nothing = replace(perfect(), angular_errors=Spread())
+    budget, result = make_budget(turning, nothing), solve(turning)
+    assert not any(source.group == MODEL for source in budget.sources)
+    sizes = {one.standard_uncertainty for one in budget.sources if one.group == ANGULAR}
+    shown = both.rotations.chance < SHOWN
+    assert sizes == {both.rotations.size if shown else turning.plausible.rotation}
+    # What the readings themselves leave open of the rotations is in both.
+    for name in ("C0Y", "diagonal ppp", "positioning E_XX"):
+        own = result.figure(name).standard_uncertainty
+        assert budget.standard_uncertainty[budget.row(name)] > 0.5 * own, name
+        if shown:
+            assert budget.standard_uncertainty[budget.row(name)] < 2.0 * own, name
 
 
 @pytest.mark.parametrize("method", METHODS)

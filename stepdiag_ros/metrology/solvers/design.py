@@ -95,6 +95,7 @@ class Design:
         tilt_setups: indices of the setups that have two angles.
         unseen: orthonormal directions of the unknowns that the readings do not determine, (p, r).
         degrees_of_freedom: readings and direct rows minus determined unknowns.
+        repeat_freedom: those of them by which repeats differ from their mean.
         tilt_known: 1 where a tilt is determined, else NaN, shape (diagonal setups, 2).
 
     Raises:
@@ -144,7 +145,7 @@ class Design:
         single = 1.0 / observations.uncertainty**2 if known else np.ones(count)
         self.weight: Vector = np.bincount(self.group, single).astype(np.float64)
         self.mean: Vector = np.bincount(self.group, single * observations.excess) / self.weight
-        self._repeat_squares, repeats = (
+        self._repeat_squares, self.repeat_freedom = (
             observations.pure_error(single) if effects is None else (0.0, 0)
         )
         self._setup = observations.setup[self.first]
@@ -162,7 +163,7 @@ class Design:
         self._factor()
         determined = self.count - self.unseen.shape[1]
         rows = len(self.first) + len(self.direct.values)
-        self.degrees_of_freedom = rows + repeats - determined
+        self.degrees_of_freedom = rows + self.repeat_freedom - determined
 
     def _number_unknowns(self) -> None:
         free = np.ones((len(self.names), self._size), dtype=bool)

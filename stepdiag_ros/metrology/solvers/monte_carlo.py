@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.solvers.catalogue import methods
 from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.linear import LinearMap, noise_of
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations, observe
-from stepdiag_ros.metrology.solvers.rotations import turned
+from stepdiag_ros.metrology.solvers.rotations import Rotations, turned
 
 _CHUNK = 2_000_000
 _STEP = 1e-6
@@ -27,14 +27,19 @@ _STEP = 1e-6
 class Estimator(Protocol):
     """A method on the readings of one measurement.
 
+    Curves are stacked: those of the method, then rotations that it does not give in its result, but
+    takes out of it as far as the readings show them.
+
     Attributes:
         observations: the readings.
-        names: of the curves, in the order in which they are stacked.
+        names: of the method's curves, in the order in which they are stacked.
+        beside: names of the rotations that are stacked behind them.
         models_cosine: the tilt of a diagonal is in the model to the second order.
     """
 
     observations: Observations
     names: tuple[str, ...]
+    beside: tuple[str, ...]
     models_cosine: bool
 
     def solution(self) -> Vector:
@@ -69,6 +74,7 @@ class LinearEstimator:
     """
 
     names = TRANSLATIONS
+    beside: tuple[str, ...] = ()
     models_cosine = False
 
     def __init__(self, observations: Observations, linear: LinearMap) -> None:
@@ -116,6 +122,7 @@ class LeastSquaresEstimator:
         observations = self._design.observations
         self.observations = observations
         self.names = self._design.names
+        self.beside = () if self._turned is None else self._turned.names
         group = self._design.group
         known = observations.noise_known
         single = 1.0 / observations.uncertainty**2 if known else np.ones(len(group))
@@ -123,7 +130,8 @@ class LeastSquaresEstimator:
         self._share = single / self._design.weight[group]
         self._group, self._groups = group, len(self._design.weight)
         unseen = np.linalg.norm(self._design.curves_unseen(), axis=1)
-        self._unknown = unseen > 1e-6
+        beside = len(self.beside) * (observations.volume.blocks + 1)
+        self._unknown = np.concatenate([unseen > 1e-6, np.zeros(beside, dtype=np.bool_)])
 
     def solution(self) -> Vector:
         """Return the stacked curves of the readings themselves; see ``Estimator``."""
@@ -134,8 +142,9 @@ class LeastSquaresEstimator:
         fit = self._design.fit(given)
         if self._turned is None:
             return fit.curves
-        curves: Vector = fit.curves + self._turned.predicted(means - fit.fitted)
-        return curves
+        factors = self._turned.factors(means - fit.fitted)
+        curves = fit.curves + factors @ self._turned.change.T
+        return np.concatenate([curves, factors @ self._turned.curves.T], axis=-1)
 
     def curves(self, excess: Vector) -> Vector:
         """Return the stacked curves of many sets of readings; see ``Estimator``."""
@@ -167,19 +176,30 @@ class LeastSquaresEstimator:
         design = self._design
         change = design.covariance @ (design.direct.matrix.T * np.sqrt(design.direct.weight))
         padded = np.concatenate([change, np.zeros((1, change.shape[1]))])
-        found: Vector = padded[design.curve_column.reshape(-1)] / design.curve_scale[:, None]
+        found: Vector = np.zeros((len(self._unknown), change.shape[1]))
+        places = design.curve_column.reshape(-1)
+        found[: len(places)] = padded[places] / design.curve_scale[:, None]
         found[self._unknown] = np.nan
         return found
 
     def misfit(self) -> tuple[Vector, Integers, int]:
-        """Return what the fit leaves of the mean reading at each place, for lack of a better model.
+        """Return what nothing explains of the mean reading at each place: no curve, no rotation.
 
         Returns:
             mean readings less the fitted ones, m, shape (groups,); number of the group of each
-            reading, shape (n,); degrees of freedom that the fit leaves.
+            reading, shape (n,); degrees of freedom that are left, those of repeats not counted.
         """
         left: Vector = self._design.mean - self._design.fit().fitted
-        return left, self._group, self._design.degrees_of_freedom
+        repeated = self._design.repeat_freedom
+        if self._turned is None:
+            return left, self._group, self._design.degrees_of_freedom - repeated
+        rest = self._turned.left_by_rotations(left)
+        return rest, self._group, self._turned.rotations.degrees_of_freedom - repeated
+
+    @property
+    def rotations(self) -> Rotations | None:
+        """Return what the readings show of rotations that are not in the model; None without."""
+        return None if self._turned is None else self._turned.rotations
 
     def noisy(self, count: int, noise: float, rng: np.random.Generator) -> Vector:
         """Return curves of readings drawn around the fitted model.
@@ -270,9 +290,9 @@ def replicate(
     solver = estimator(measurement, observations, method)
     if isinstance(solver, LeastSquaresEstimator):
         # Weights are 1/u² where the noise is known and plain counts of repeats where it is not.
-        return solver.noisy(
-            count, 1.0 if observations.noise_known else float(_known_noise(observations)[0]), rng
-        )
+        unit = 1.0 if observations.noise_known else float(_known_noise(observations)[0])
+        size = len(solver.names) * (observations.volume.blocks + 1)
+        return solver.noisy(count, unit, rng)[:, :size]
     noise = _known_noise(observations)
     drawn = observations.excess + noise * rng.standard_normal((count, len(noise)))
     return solver.curves(drawn)

@@ -52,6 +52,8 @@ class Rotations:
         scatter: what the noise of the readings does to the factors by that, per standard deviation
             of independent causes, rad, shape (k, seen).
         mean: of the modes' factors, rad, shape (k,).
+        best: factors of any size that fit the readings best, rad, shape (k,); zero where these show
+            nothing, or where rotations are taken as zero.
         covariance: mean square and products of their errors, rad², shape (k, k).
         second_moment: mean square and products of the factors themselves, rad², shape (k, k).
         noise_factor: χ² per degree of freedom of what no rotation explains, where it is more than
@@ -68,6 +70,7 @@ class Rotations:
     shrinkage: Vector
     scatter: Vector
     mean: Vector
+    best: Vector
     covariance: Vector
     second_moment: Vector
     noise_factor: float
@@ -194,22 +197,29 @@ class Turned:
         """Return the number of values of the nine translations."""
         return len(TRANSLATIONS) * (self.design.observations.volume.blocks + 1)
 
-    def predicted(self, left: Vector) -> Vector:
-        """Return what the rotations that residuals show turn the curve values by, m.
+    def left_by_rotations(self, left: Vector) -> Vector:
+        """Return the residuals of a fit with rotations of any size, m, shape (groups,).
+
+        Args:
+            left: averaged readings less the fitted ones, m, shape (groups,).
+        """
+        design, turn = self.design, self.rotations.readings @ self.rotations.best
+        absorbed = design.matrix @ (design.covariance @ (design.matrix.T @ (design.weight * turn)))
+        rest: Vector = left - turn + absorbed
+        return rest
+
+    def factors(self, left: Vector) -> Vector:
+        """Return the modes' factors that residuals show, rad, shape (..., k).
 
         Args:
             left: averaged readings less the fitted ones, m, shape (..., groups).
-
-        Returns:
-            shape (..., c(N+1)).
         """
-        rotations = self.rotations
-        pull = (left * self.design.weight) @ rotations.readings
-        turn: Vector = pull @ rotations.shrinkage @ self.change.T
-        return turn
+        pull = (left * self.design.weight) @ self.rotations.readings
+        found: Vector = pull @ self.rotations.shrinkage
+        return found
 
     def scatter(self) -> Vector:
-        """Return the covariance of what ``predicted`` does with the readings' noise, m²."""
+        """Return what the readings' noise does to the curves by way of ``factors``, m²."""
         by_noise = self.change @ self.rotations.scatter
         covariance: Vector = self.rotations.noise_factor * by_noise @ by_noise.T
         return covariance
@@ -322,7 +332,7 @@ def rotation_remarks(measurement: Measurement, rotations: Rotations) -> list[str
         return [
             f"The readings show rotations of the axes, {size} in size (χ² falls by"
             f" {rotations.gain:.3g} with {rotations.seen} free sums of them, p ="
-            f" {rotations.chance:.1g}). All uncertainties contain what the readings do not tell"
+            f" {rotations.chance:.1g}). All uncertainties contain what the readings do not show"
             f" of them.{chain}"
         ]
     return [
@@ -365,7 +375,8 @@ def plausible_rotations(
     factor = noise_factor(squares, freedom, design.observations.noise_known)
     unit = factor if np.isfinite(factor) else 1.0
     share, sizes = _sizes(values / unit, parts / unit, plausible)
-    shrunk = share @ _given(sizes, values / unit) / unit
+    # Rounding alone pulls on what the readings do not show.
+    shrunk = np.where(seen, share @ _given(sizes, values / unit) / unit, 0.0)
     mean = shrunk * parts
     sizes = np.maximum(sizes, plausible)
     given = _given(sizes, values / unit)
@@ -384,6 +395,7 @@ def plausible_rotations(
         information=information,
         shrinkage=(vectors * shrunk) @ vectors.T,
         mean=vectors @ mean,
+        best=shown @ (parts[seen] / values[seen]) * bool(plausible),
         scatter=shown * (shrunk * np.sqrt(values))[seen],
         covariance=moment(mean[seen]),
         second_moment=moment(0.0),

@@ -126,9 +126,10 @@ def _nodes(
     ready: Estimator, known: NDArray[np.bool_], by_reading: Vector
 ) -> tuple[list[ResultQuantity], Vector]:
     """Return the curve values that are determined and not fixed by the frame."""
-    size = len(known) // len(ready.names)
-    moved = np.linalg.norm(by_reading, axis=1)
-    wanted = np.flatnonzero(known & (moved > 1e-9 * np.max(moved)))
+    size = ready.observations.volume.blocks + 1
+    count = len(ready.names) * size
+    moved = np.linalg.norm(by_reading[:count], axis=1)
+    wanted = np.flatnonzero(known[:count] & (moved > 1e-9 * np.max(moved)))
     quantities = []
     for place in wanted:
         curve, node = ready.names[place // size], int(place % size)
@@ -148,12 +149,12 @@ def _figures(
     unseen = np.eye(len(values))[:, ~known]
 
     estimate = CurveEstimate(
-        values, np.zeros((len(values), len(values))), unseen, tuple(ready.names)
+        values, np.zeros((len(values), len(values))), unseen, (*ready.names, *ready.beside)
     )
-    made = common_figures(volume, estimate, lines, chain)
+    made = common_figures(volume, estimate, lines, chain, ready.names)
     start = np.array([figure.value for figure in made])
     wanted = np.flatnonzero(np.isfinite(start))
-    every = functionals(volume, estimate, lines, chain)
+    every = functionals(volume, estimate, lines, chain, ready.names)
     rows = np.array([every[row].weights * known for row in wanted])
     quantities = [ResultQuantity(made[row].name, made[row].unit) for row in wanted]
     return quantities, rows, start[wanted]

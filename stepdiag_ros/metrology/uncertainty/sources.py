@@ -4,6 +4,8 @@ What acts on a displacement as a length (laser, air, dead path, material) is in 
 here are setup, scatter, drift, lack of fit and the angular errors that a model leaves out.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from stepdiag_ros.metrology.forward import perpendiculars
@@ -11,7 +13,7 @@ from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, ROTATIONS, Vec
 from stepdiag_ros.metrology.plausible import mode_count, modes
 from stepdiag_ros.metrology.solvers.monte_carlo import Estimator, LeastSquaresEstimator
 from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
-from stepdiag_ros.metrology.solvers.rotations import mode_readings
+from stepdiag_ros.metrology.solvers.rotations import SHOWN, mode_readings, turned
 from stepdiag_ros.metrology.standards.length_effects import rotation_effects
 from stepdiag_ros.metrology.uncertainty.instrument import NORMAL, Instrument, Spread
 from stepdiag_ros.metrology.uncertainty.length_sources import (
@@ -52,9 +54,7 @@ def sources_of(readings: Readings, instrument: Instrument, method: Estimator) ->
         method: that the result comes from; what its model holds is not a source.
     """
     scatter = _scatter(readings)
-    angular = (
-        [] if set(ROTATIONS) <= set(method.names) else _angular(readings, instrument, method.names)
-    )
+    angular = [] if set(ROTATIONS) <= set(method.names) else _angular(readings, instrument, method)
     return [
         *instrument_sources(readings, instrument),
         *air_sources(readings, instrument),
@@ -189,7 +189,7 @@ def _misfit(method: Estimator, noise: float) -> list[Source]:
     if not isinstance(method, LeastSquaresEstimator):
         return []
     left, group, freedom = method.misfit()
-    if freedom == 0 or not noise > 0.0:
+    if freedom < 1 or not noise > 0.0:
         return []
     expected = noise**2 / np.bincount(group)
     if not exceeds_chance(float(np.sum(left**2 / expected)), freedom):
@@ -212,27 +212,43 @@ def _misfit(method: Estimator, noise: float) -> list[Source]:
     ]
 
 
-def _angular(readings: Readings, instrument: Instrument, names: tuple[str, ...]) -> list[Source]:
-    """Return the angular errors that the model of the method leaves out.
-
-    Each of the nine is a random curve from zero at the first corner of the box, of the stated size
-    at its last node, with waves on the way (``plausible``): a tilt that grows does not average out
-    over a line, and waves make straightness. Where the instrument description states no size, it is
-    the plausible one of the measurement.
-    """
-    seen, measurement = readings.observations, readings.measurement
+def _size_of_rotations(
+    readings: Readings, instrument: Instrument, method: Estimator
+) -> tuple[Spread, str]:
+    """Return how large angular errors are, and who says so: the largest that anybody does."""
+    measurement = readings.measurement
     spread, note = instrument.angular_errors, ""
     if not spread.known:
         spread = Spread(measurement.plausible.rotation)
         size = f"{spread.standard_uncertainty * 1e6:.3g} µrad"
         note = f"not in the instrument file: {size}, the plausible size of the machine"
+    own = method.rotations if isinstance(method, LeastSquaresEstimator) else None
+    if own is None:
+        own = turned(measurement, replace(readings.observations, direct=None)).rotations
+    if own.chance < SHOWN and own.size > spread.standard_uncertainty:
+        before = f"{spread.standard_uncertainty * 1e6:.3g} µrad"
+        note = f"{own.size * 1e6:.3g} µrad, as the readings show, and not {before} as stated"
+        spread = Spread(own.size)
+    return spread, note
+
+
+def _angular(readings: Readings, instrument: Instrument, method: Estimator) -> list[Source]:
+    """Return the angular errors that the model of the method leaves out.
+
+    Each of the nine is a random curve from zero at the first corner of the box, of the stated size
+    at its last node, with waves on the way (``plausible``): a tilt that grows does not average out
+    over a line, and waves make straightness. Where the instrument description states no size, it is
+    the plausible one of the measurement; where the readings show a larger one, it is that.
+    """
+    seen, measurement = readings.observations, readings.measurement
+    spread, note = _size_of_rotations(readings, instrument, method)
     count = mode_count(seen.volume.blocks)
     slopes = np.full((3, 3 * count, len(seen.displacement)), _UNKNOWN)
     truly: dict[str, Vector] = {}
     if measurement.chain:
         travel = np.asarray(seen.volume.step) * seen.volume.blocks
         by_mode = mode_readings(seen, measurement.chain).T
-        in_model = [name in names for name in ROTATIONS]
+        in_model = [name in method.names for name in ROTATIONS]
         by_mode.reshape(len(ROTATIONS), count, -1)[in_model] = 0.0
         slopes = by_mode.reshape(slopes.shape)
         truly = _of_diagonals(travel, measurement.chain, count)

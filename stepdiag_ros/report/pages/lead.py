@@ -257,8 +257,9 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
     limit = judged.limit
     if judged.more_acts:
         return [
-            "The run shows more than the error curves, so the largest error by them and its"
-            f" uncertainty allow no decision at {limit} (ISO 14253-1)."
+            "The run shows more than the error curves: no decision at"
+            f" {limit}, since the rule of ISO 14253-1 needs an uncertainty that contains all that"
+            " acts."
         ]
     reason = {
         KEEPS: f"The largest error plus its uncertainty is within {limit} (ISO 14253-1).",
@@ -304,10 +305,27 @@ def _of_rotations(material: Material) -> str:
             "It does not contain pitch, yaw and roll, because the order of the machine's axes is"
             " not known, and is a lower bound."
         )
+    if math.isfinite(_shown_size(material)):
+        return (
+            "It contains pitch, yaw and roll in the size that the readings show, which is larger"
+            " than the plausible one."
+        )
     return (
         "It contains pitch, yaw and roll in their whole plausible size, even where the readings"
         " show that they are smaller."
     )
+
+
+def _shown_size(material: Material) -> float:
+    """Return how large the readings show rotations where that is more than plausible, rad; NaN."""
+    stated = material.given.instrument.angular_errors
+    size = material.measurement.plausible.rotation
+    expected = stated.standard_uncertainty if stated.known else size
+    if material.budget is not None:
+        for one in material.budget.budget.sources:
+            if one.group == ANGULAR and one.standard_uncertainty > expected:
+                return one.standard_uncertainty
+    return math.nan
 
 
 def _of_laser(material: Material) -> str:
@@ -355,7 +373,10 @@ def _plausible_size(material: Material) -> str:
         turning = [one.group == ANGULAR for one in material.budget.budget.sources]
         if 2.0 * np.nansum(largest.contributions[turning] ** 2) > largest.standard_uncertainty**2:
             most = " Most of the U of the largest error comes from it."
-    return f"Plausible size of pitch, yaw and roll: {source} ({meaning}).{most}"
+    shown, larger = _shown_size(material), ""
+    if math.isfinite(shown):
+        larger = f" The readings show {shown * IN_MICRO:.3g} µrad."
+    return f"Plausible size of pitch, yaw and roll: {source} ({meaning}).{larger}{most}"
 
 
 def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
