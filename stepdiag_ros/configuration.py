@@ -134,7 +134,7 @@ def _load(
             example = resources.directory("config") / folder / "demo.yaml"
             if error.fault != "missing" or not example.is_file():
                 raise
-            said = f"{error}; {example} explains every key"
+            said = f"{str(error).rstrip('.')}; {example} explains every key"
             raise Refusal(said, **fields_of(error)) from error
         raise Refusal(
             f"{path} has the keys of the kind '{_SINGULAR[other]}'; a file of the kind"

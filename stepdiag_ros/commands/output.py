@@ -98,7 +98,8 @@ def _parsed(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
+        point = "; write a decimal point, not a comma" if "," in text else ""
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number{point}") from None
 
 
 def _beyond(text: str, low: float, high: float) -> str:

@@ -129,7 +129,8 @@ class Section:
             try:
                 value = float(value)
             except ValueError:
-                raise self._wrong(key, value, "a number", fault="malformed") from None
+                expected = "a number" + (" (with a decimal point: 0.8, not 0,8)" * ("," in value))
+                raise self._wrong(key, value, expected, fault="malformed") from None
         if isinstance(value, bool) or not isinstance(value, Real):
             raise self._wrong(key, value, "a number", "malformed")
         try:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.text import Text
 
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.units import IN_MILLI
@@ -79,6 +80,8 @@ def add_wires(
     return wires
 
 
+_ROUNDS = 4
+"""In which limits are widened: each makes the drawing smaller, and by that needs some more."""
 _SHORT = 0.45
 """An edge of a box below this share of the drawing is short."""
 
@@ -110,6 +113,7 @@ def frame_box(
     ends = 0.03 * (1.0 + letters - SMALL_SIZE)
     outwards = (np.array([-0.35, -0.6]), np.array([0.35, -0.4]), np.array([-0.5, 0.0]))
     sides: tuple[Any, ...] = (("center", "top"), ("left", "top"), ("right", "center"))
+    written = []
     for axis, (start, end) in enumerate(edges):
         first, last = project(start), project(end)
         step = _BEYOND * size * outwards[axis]
@@ -128,9 +132,10 @@ def frame_box(
         )
         for share, word, away, size_of_word, side in words:
             at = first + share * (last - first) + away * step
-            axes.text(
+            text = axes.text(
                 float(at[0]), float(at[1]), word, ha=side, va=up, fontsize=size_of_word, color=INK
             )
+            written.append(text)
     reach = project(box_edges(low, high)).reshape(-1, 2)
     first = reach.min(axis=0) - np.array([0.1 + room, below]) * size
     axes.update_datalim(np.array([first, reach.max(axis=0) + np.array([right, 0.03]) * size]))
@@ -138,3 +143,14 @@ def frame_box(
     axes.autoscale_view()
     axes.set_aspect("equal")
     axes.set_axis_off()
+    _make_room(axes, written)
+
+
+def _make_room(axes: Axes, written: Sequence[Text]) -> None:
+    """Widen the limits until all words are within; words do not shrink with the drawing."""
+    for _ in range(_ROUNDS):
+        axes.apply_aspect()
+        to_data = axes.transData.inverted()
+        for text in written:
+            axes.update_datalim(to_data.transform(text.get_window_extent().get_points()))
+        axes.autoscale_view()

@@ -301,7 +301,8 @@ def _is_measuring(state: Any) -> bool:
 def _go_on(state: State, text: str) -> bool:
     """Pass a pause for a setup: the simulated cell is aligned already, nobody has to touch it."""
     if state is State.FAULT:
-        # What the recorder could not write is no matter of a busy computer.
-        advice = "" if text.startswith("recorder: ") else f". {_LOAD_ADVICE} {BUSY}"
+        # What the recorder could not write is no matter of a busy computer; what it misses may be.
+        unwritten = text.startswith("recorder: ") and " has come " not in text
+        advice = "" if unwritten else f". {_LOAD_ADVICE} {BUSY}"
         raise RunFailed(f"the run has stopped: {text}{advice}")
     return state is State.WAITING_FOR_SETUP

@@ -4,12 +4,13 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from results_by_hand import make_result, with_unknown
 
 from stepdiag_ros import plots
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
-from stepdiag_ros.plots.space import project
+from stepdiag_ros.plots.space import frame_box, project
 from stepdiag_ros.text.numbers import with_expanded
 
 
@@ -29,6 +30,20 @@ def test_the_arrow_begins_at_the_worst_place_and_points_along_the_error():
     said = " ".join(text.get_text() for text in panel.figure.texts)
     told = float(re.search(r"([\d,]+) times", said)[1].replace(",", ""))
     assert told == pytest.approx(np.linalg.norm(along) / np.linalg.norm(expected), rel=0.05)
+
+
+@pytest.mark.parametrize("sides", [(0.5, 0.3, 0.27), (2.0, 0.4, 0.1), (0.1, 0.1, 1.0), (1, 1, 1)])
+@pytest.mark.parametrize("width", [2.0, 5.0])
+def test_the_names_of_the_axes_are_within_the_drawing_whatever_the_box_is_like(sides, width):
+    figure = Figure(figsize=(width, 0.7 * width))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    low = np.array([0.05, 0.05, 0.03])
+    frame_box(axes, low, low + np.array(sides))
+    page = figure.bbox
+    for text in axes.texts:
+        place = text.get_window_extent()
+        assert page.x0 - 1.0 <= place.x0 and place.x1 <= page.x1 + 1.0, text.get_text()
+        assert page.y0 - 1.0 <= place.y0 and place.y1 <= page.y1 + 1.0, text.get_text()
 
 
 def test_each_wall_shows_the_longest_error_in_front_of_it():
