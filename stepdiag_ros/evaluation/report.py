@@ -11,12 +11,14 @@ from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.metrology.curve_set import CurveSet
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
-from stepdiag_ros.metrology.geometry import ROTATIONS, Vector
+from stepdiag_ros.metrology.forward import ErrorCurves
+from stepdiag_ros.metrology.geometry import CHAINS, ROTATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance, methods, to_rely_on
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
+from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, volumetric_accuracy
 from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.visibility import Visibility
@@ -167,6 +169,17 @@ def frame_sentences(results: Sequence[VolumetricErrors]) -> list[str]:
     if len(frames) == 1:
         return [f"Frame: {frame}." for frame in frames]
     return [f"Frame of {' and '.join(methods)}: {frame}." for frame, methods in frames.items()]
+
+
+def true_largest(truth: Truth, chain: str) -> VolumetricAccuracy:
+    """Return the longest true error vector over the nodes of the measured volume.
+
+    Args:
+        truth: of a simulated cell.
+        chain: order of its axes; where it is not known, the true errors are without rotations too.
+    """
+    curves = ErrorCurves.from_curves(truth.nodes, truth.curves)
+    return volumetric_accuracy(curves, chain or CHAINS[0])
 
 
 def compare_with_truth(

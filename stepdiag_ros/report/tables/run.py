@@ -15,6 +15,7 @@ from stepdiag_ros.evaluation.report import (
     method_title,
     robust_to_setup,
     short_title,
+    true_largest,
 )
 from stepdiag_ros.evaluation.single_errors import PEAK_TO_PEAK, with_ranges
 from stepdiag_ros.metrology.forward import AXES_OF
@@ -504,6 +505,15 @@ def _determined(report: Report, lead: RunLead) -> list[str]:
         said.append(
             f"Values whose {OF_READINGS} contains the simulated true error: {inside} (expected:"
             f" 95 %{_why_not_so_many(report, report.truth)})."
+        )
+        true = true_largest(report.truth, report.chain)
+        place = ", ".join(
+            f"{letter} {plain(value * IN_MILLI, 1)}"
+            for letter, value in zip(AXES, true.position, strict=True)
+        )
+        said.append(
+            f"True largest error of the simulated cell: {plain(true.value * IN_MICRO, 2)} µm at"
+            f" {place} mm."
         )
     return said
 
