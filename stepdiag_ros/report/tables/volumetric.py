@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import OF_READINGS, UNKNOWN, plain, plus_minus
 from stepdiag_ros.text.table import Table, new_table
-from stepdiag_ros.words.volumetric import DEFINITION
+from stepdiag_ros.words.volumetric import DEFINITION, NO_ERROR_ABOVE
 
 
 def _vector(values: Sequence[float], scale: float, decimals: int) -> str:
@@ -34,6 +34,7 @@ def accuracy_table(report: VolumetricReport) -> Table:
         "value ± U / µm",
         "at X, Y, Z / mm",
         "error vector X, Y, Z / µm",
+        "no error above / µm",
     )
     for method, found in report.accuracies.items():
         table.add_row(
@@ -41,6 +42,7 @@ def accuracy_table(report: VolumetricReport) -> Table:
             plus_minus(found.value, found.standard_uncertainty, IN_MICRO),
             _vector(found.position, IN_MILLI, 1),
             _vector(found.vector, IN_MICRO, 2),
+            plain(found.upper_bound(COVERAGE_FACTOR * found.standard_uncertainty) * IN_MICRO, 1),
         )
     return table
 
@@ -105,5 +107,6 @@ def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
             " the readings, of plausible rotations and of the laser's scale; stepdiag report"
             " has U of the uncertainty budget instead where that is larger."
         )
+        console.sentence(NO_ERROR_ABOVE)
     else:
         console.sentence(f"Warning: {DIAGONALS_ALONE}.")

@@ -18,7 +18,7 @@ from stepdiag_ros.report.pages.section import ReportSection, SectionContent
 from stepdiag_ros.report.tables.volumetric import accuracy_table
 from stepdiag_ros.text.numbers import plain, with_expanded
 from stepdiag_ros.text.table import with_rows
-from stepdiag_ros.words.volumetric import DEFINITION
+from stepdiag_ros.words.volumetric import DEFINITION, NO_ERROR_ABOVE
 
 
 def _volumetric(material: Material) -> VolumetricReport:
@@ -37,6 +37,7 @@ def _tell(material: Material) -> SectionContent | str:
         " readings, plausible rotations and the laser's scale; above it, as on the first page, the"
         " larger of that and of all"
         f" sources that the budget knows{', so at least that' if material.lower_bound else ''}.",
+        NO_ERROR_ABOVE,
     ]
     said += [
         f"{method_title(method)}: {remark}."
