@@ -103,7 +103,7 @@ class Contenders:
                 chance = finding.probability * float(np.exp(min(evidence[place] - top, 0.0)))
                 made.setdefault(name, Rival(candidate, max(chance, _UNLIKELY)))
         fades = fading(finding.candidate, self._beside(finding), self._problem, self._stops)
-        if fades is not None and np.log(fades.odds) > -_BEHIND:
+        if fades is not None and fades.odds > np.exp(-_BEHIND):
             chance = max(finding.probability * min(fades.odds, 1.0), _UNLIKELY)
             made[fades.candidate.label] = Rival(fades.candidate, chance)
         return [*made.values(), *self._formulas.of_the_name(finding)]
