@@ -13,11 +13,16 @@ from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 from stepdiag_ros.plots.space import add_wires, box_edges, frame_box, project
 from stepdiag_ros.plots.style import VERMILION, Sheet
-from stepdiag_ros.text.numbers import plain, two_digits, with_expanded
+from stepdiag_ros.text.numbers import (
+    place_in_mm,
+    plain,
+    two_digits,
+    with_expanded,
+)
 
 _SHARE = 0.3
 """The arrow is drawn as this share of the box's longest side."""
@@ -72,15 +77,11 @@ def worst_error(
     _arrow(panel, worst, low, high)
     frame_box(panel, low, high, letters=_LETTERS)
     size = with_expanded(worst.value, expanded_uncertainty, IN_MICRO)
-    where = ", ".join(
-        f"{letter} {plain(value * IN_MILLI, 1)}"
-        for letter, value in zip(AXES, worst.position, strict=True)
-    )
     note = f"95 %, {which}" if which else "95 %"
     heading = f"Largest error: {size} µm ({note})" if title is None else title
     figure = sheet.finish(
         heading,
-        under=[f"at {where} mm"] if title is None else [],
+        under=[f"at {place_in_mm(worst.position)}"] if title is None else [],
         legend=False,
         small_print=[
             "Colour of a wall: largest error on the line perpendicular to it.",

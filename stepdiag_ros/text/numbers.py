@@ -5,11 +5,13 @@ An uncertainty is given to two significant digits and the value to the same plac
 """
 
 import math
+from collections.abc import Iterable
 from decimal import ROUND_HALF_EVEN, Decimal
 
+from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 
 UNKNOWN = "unknown"
 
@@ -108,6 +110,16 @@ def with_expanded(value: float, expanded_uncertainty: float, scale: float = 1.0)
 def plain(value: float, decimals: int = 2) -> str:
     """Write a number without uncertainty to fixed decimals, or "unknown"."""
     return _written(Decimal(repr(float(value))), -decimals) if math.isfinite(value) else UNKNOWN
+
+
+def place_in_mm(position: Iterable[float]) -> str:
+    """Write a place of the machine: ``X 30.0, Y 60.0, Z 100.0 mm``.
+
+    Args:
+        position: X, Y, Z, m.
+    """
+    named = zip(AXES, position, strict=True)
+    return ", ".join(f"{axis} {plain(value * IN_MILLI, 1)}" for axis, value in named) + " mm"
 
 
 def in_micro(value: float, unit: str) -> str:

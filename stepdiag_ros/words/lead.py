@@ -23,7 +23,13 @@ from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.target_words import end_words
-from stepdiag_ros.text.numbers import OF_READINGS, plain, with_expanded, with_uncertainty
+from stepdiag_ros.text.numbers import (
+    OF_READINGS,
+    place_in_mm,
+    plain,
+    with_expanded,
+    with_uncertainty,
+)
 from stepdiag_ros.text.terminal import fitted
 from stepdiag_ros.words.positioning import leading_sentences, uneven_reason
 
@@ -274,10 +280,6 @@ def _noise(lead: RunLead, volume: VolumetricAccuracy) -> str:
 
 
 def _worst(lead: RunLead, accuracy: VolumetricAccuracy) -> str:
-    place = ", ".join(
-        f"{letter} {plain(value * IN_MILLI, 1)}"
-        for letter, value in zip("XYZ", accuracy.position, strict=True)
-    )
     vector = ", ".join(
         f"{plain(value * IN_MICRO, 2)} in {letter}"
         for letter, value in zip("XYZ", accuracy.vector, strict=True)
@@ -288,8 +290,9 @@ def _worst(lead: RunLead, accuracy: VolumetricAccuracy) -> str:
         which = " (U is a lower bound)"
     said = f"error vector: {vector} µm; " if isfinite(accuracy.vector[0]) else ""
     return (
-        f"Largest error in the measured volume: {size} µm{which} at {place} mm"
-        f" ({said}errors count from the first corner of the volume).{_elsewhere(lead, accuracy)}"
+        f"Largest error in the measured volume: {size} µm{which} at"
+        f" {place_in_mm(accuracy.position)} ({said}errors count from the first corner of the"
+        f" volume).{_elsewhere(lead, accuracy)}"
     )
 
 

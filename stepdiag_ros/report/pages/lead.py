@@ -17,7 +17,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.metrology.standards.conformity import Conformity, conformity
 from stepdiag_ros.metrology.uncertainty.source import ANGULAR
-from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
+from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Fact, Lead
 from stepdiag_ros.report.pages.sections.measurement import temperature_words
@@ -26,6 +26,7 @@ from stepdiag_ros.report.tables.positioning import MEANINGS
 from stepdiag_ros.text.numbers import (
     OF_READINGS,
     UNKNOWN,
+    place_in_mm,
     plain,
     two_digits,
     with_expanded,
@@ -210,15 +211,12 @@ def _worst(material: Material, judged: ToleranceJudgement, headline: str) -> str
     accuracy = material.accuracy
     if accuracy is None or not math.isfinite(judged.value) or judged.noise:
         return ""
-    where = ", ".join(
-        f"{letter} {plain(value * IN_MILLI, 1)}"
-        for letter, value in zip("XYZ", accuracy.position, strict=True)
-    )
+    where = place_in_mm(accuracy.position)
     if judged.size in headline:
-        return f"at {where} mm (U: 95 %)"
+        return f"at {where} (U: 95 %)"
     size = with_expanded(judged.value, judged.expanded_uncertainty, IN_MICRO)
     bound = ", a lower bound" if judged.lower_bound else ""
-    return f"Largest error {size} µm (U: 95 %{bound}) at {where} mm"
+    return f"Largest error {size} µm (U: 95 %{bound}) at {where}"
 
 
 def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]:

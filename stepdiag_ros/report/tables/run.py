@@ -26,7 +26,14 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.metrology.visibility import DETERMINED, VerdictRow, Visibility
 from stepdiag_ros.text.console import PlainConsole
-from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.numbers import (
+    ARC_SECONDS,
+    OF_READINGS,
+    UNKNOWN,
+    place_in_mm,
+    plain,
+    plus_minus,
+)
 from stepdiag_ros.text.table import Table, new_table
 from stepdiag_ros.words.lead import (
     coverage_sentences,
@@ -507,13 +514,9 @@ def _determined(report: Report, lead: RunLead) -> list[str]:
             f" 95 %{_why_not_so_many(report, report.truth)})."
         )
         true = true_largest(report.truth, report.chain)
-        place = ", ".join(
-            f"{letter} {plain(value * IN_MILLI, 1)}"
-            for letter, value in zip(AXES, true.position, strict=True)
-        )
         said.append(
             f"True largest error of the simulated cell: {plain(true.value * IN_MICRO, 2)} µm at"
-            f" {place} mm."
+            f" {place_in_mm(true.position)}."
         )
     return said
 

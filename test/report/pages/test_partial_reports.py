@@ -171,7 +171,7 @@ def test_an_effect_that_the_run_names_is_told_on_the_first_page_and_drawn(tmp_pa
     assert low < 2e-6 < high
     assert "What to do: see to backlash of X" in told.text
     # However wide the limit is: what is missing in the figures is not known by them.
-    assert "no decision at 500 µm" in told.text
+    assert "no decision at 500 µm, since the rule of ISO 14253-1" in told.text
     assert document["summary"]["verdict"] == OPEN and document["summary"]["more_acts"] is True
     assert "NAMED" in told.headings
     assert "What is missing in the model" in told.tables
