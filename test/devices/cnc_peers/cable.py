@@ -35,19 +35,28 @@ class Cable:
         self.port = self._server.sockets[0].getsockname()[1]
 
     def close(self):
-        self._loop.call_soon_threadsafe(self._server.close)
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(PATIENCE)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(PATIENCE)
+
+    async def _end(self):
+        self._server.close()
+        passing = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in passing:
+            task.cancel()
+        await asyncio.gather(*passing, return_exceptions=True)
 
     async def _connect(self, reader, writer):
         far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._leads_to)
         await asyncio.gather(self._pass(reader, far_writer), self._pass(far_reader, writer))
 
     async def _pass(self, source, sink):
-        with suppress(ConnectionError):
-            while data := await source.read(65536):
-                while self.silent:
-                    await asyncio.sleep(LOOK_AGAIN)
-                sink.write(data)
-                await sink.drain()
-        sink.close()
+        try:
+            with suppress(ConnectionError):
+                while data := await source.read(65536):
+                    while self.silent:
+                        await asyncio.sleep(LOOK_AGAIN)
+                    sink.write(data)
+                    await sink.drain()
+        finally:
+            sink.close()

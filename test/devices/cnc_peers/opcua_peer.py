@@ -11,6 +11,7 @@ from math import sqrt
 
 from asyncua import Server, ua
 from patience import PATIENCE
+from ros_processes import wait_until
 
 URI = "http://example.org/machine"
 KINDS = {
@@ -41,23 +42,12 @@ class OpcUaPeer:
         braked_by_watchdog: times of that, by ``time.monotonic``.
     """
 
-    def __init__(self, secure=None, watchdog_limit=1.0):
-        self.orders, self.braked_by_watchdog = [], []
-        self.position = [0.0, 0.0, 0.0]
-        self.frozen = False
-        self.answering = True
-        self.misses = 0.0
-        self.override = 1.0
-        self.halfway = {}
-        self.watchdog_limit = watchdog_limit
-        self.counts = 0
-        self.fault, self.fault_text, self.ready = 0, "", True
-        self.stopped = False
+    def __init__(self, secure=None):
         self.acknowledged = self.done = 0
-        self.bad = ""
-        self.moves_by_itself = False
+        self.counts = 0
+        self._initialize()
         self._secure = secure
-        self._path = None
+        self._scans = 0
         self._inputs = {}
         self._counted = time.monotonic()
         self._started = threading.Event()
@@ -65,6 +55,33 @@ class OpcUaPeer:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
         assert self._started.wait(PATIENCE)
+
+    def _initialize(self):
+        self.orders, self.braked_by_watchdog = [], []
+        self.position = [0.0, 0.0, 0.0]
+        self.frozen, self.answering = False, True
+        self.misses, self.override, self.halfway = 0.0, 1.0, {}
+        # A busy computer does not brake a machine in tests that are about something else.
+        self.watchdog_limit = PATIENCE
+        self.fault, self.fault_text, self.ready, self.stopped = 0, "", True, False
+        self.bad, self.moves_by_itself = "", False
+        self._path = None
+
+    def restart(self):
+        """Be as it was switched on, once nobody is connected who could still write."""
+        assert wait_until(lambda: not self.server.bserver.clients)
+        for name in ("Stop", "Reset"):
+            writing = self.nodes[name].write_value(False)
+            asyncio.run_coroutine_threadsafe(writing, self._loop).result(PATIENCE)
+        # The scan that goes on has read the old inputs; an order may have waited.
+        self.frozen = False
+        self._wait_for_scans()
+        self._initialize()
+        self._wait_for_scans()
+
+    def _wait_for_scans(self):
+        last = self._scans
+        assert wait_until(lambda: self._scans >= last + 2)
 
     def close(self):
         asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(PATIENCE)
@@ -145,6 +162,7 @@ class OpcUaPeer:
                 self._move(now - last)
             last = now
             await self._tell()
+            self._scans += 1
 
     def _begin(self, identity, target, feed):
         if self.answering:

@@ -1,6 +1,5 @@
 """The OPC UA driver in front of a PLC that fails, is touched by others, or falls silent."""
 
-import asyncio
 import sys
 import time
 
@@ -33,18 +32,7 @@ def server():
 @pytest.fixture
 def plc(server):
     """Return the PLC, in order and at its zero again."""
-    # A session of the test before may write its stop still.
-    server.frozen = False
-    time.sleep(0.2)
-    server.answering, server.misses, server.bad = True, 0.0, ""
-    server.fault, server.fault_text, server.ready, server.moves_by_itself = 0, "", True, False
-    server._path, server.stopped = None, False
-    asyncio.run_coroutine_threadsafe(server.nodes["Stop"].write_value(False), server._loop).result()
-    server.position = [0.0, 0.0, 0.0]
-    server.watchdog_limit = 1.0
-    server.orders.clear()
-    server.braked_by_watchdog.clear()
-    time.sleep(0.05)
+    server.restart()
     return server
 
 
@@ -183,11 +171,10 @@ def test_an_order_refused_by_the_method_is_a_fault(plc, opened):
 
 
 def test_the_machine_brakes_when_nobody_polls(plc, opened):
-    plc.watchdog_limit = 0.6
     watchdog = {"node": node("Watchdog"), "limit_s": 0.6, "period_s": 0.05}
     operator = moving(opened(watchdog=watchdog), feed=0.015)
-    assert not plc.braked_by_watchdog
     begin = time.monotonic()
+    plc.watchdog_limit = 0.6
     # The thread of the session lives on: what has died is what polls.
     assert wait_until(lambda: bool(plc.braked_by_watchdog))
     assert plc.braked_by_watchdog[0] > begin

@@ -43,7 +43,7 @@ class SilentNetwork:
         peer = self.peer
         self._wait(lambda: peer.counts >= counts or len(peer.orders) > orders)
         if len(peer.orders) == orders:
-            self.cable.silent = True
+            self.cable.silent, peer.watchdog_limit = True, 1.0
             return
         # A node for which this computer had no time held the run first: the next order is cut.
         peer.override = 1.0
@@ -60,6 +60,7 @@ class SilentNetwork:
         self._wait(lambda: not self.cable.silent or self.peer.braked_by_watchdog)
         self.where_held.append((tuple(self.peer.position), len(self.peer.orders)))
         self.cable.silent, self.peer.override = False, 1.0
+        self.peer.watchdog_limit = PATIENCE
 
 
 @pytest.fixture(scope="module")
