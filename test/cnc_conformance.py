@@ -22,7 +22,7 @@ from stepdiag_ros.devices.cnc import (
 from stepdiag_ros.metrology.machine import Machine
 
 SECOND = 1_000_000_000
-SLOWLY = 0.004
+SLOWLY = 0.001
 """m/s: a move of 10 mm goes on for long enough that a busy computer can meddle with it."""
 
 
@@ -203,7 +203,7 @@ def check_forbidden_moves_are_refused_and_nothing_moves(rig):
 def check_one_move_at_a_time(rig):
     operator = Operator(rig).ready()
     start = operator.position
-    operator.move(add(start, x=0.01), "X", SLOWLY)
+    operator.move(add(start, x=0.01), "X", 4.0 * SLOWLY)
     operator.watch(0.1)
     with refused(MoveRefused, "not_ready", "moving", aspect="state"):
         operator.move(add(start, y=0.01), "Y")
@@ -221,7 +221,7 @@ def check_stop_brakes_and_wants_a_reset(rig):
     start = operator.position
     target = add(start, x=0.01)
     operator.move(target, "X", SLOWLY)
-    operator.until(lambda: operator.position and operator.position[0] > start[0] + 1e-3)
+    operator.until(lambda: operator.position and operator.position[0] > start[0] + 2e-4)
     operator.device.stop(rig.now(), "the operator")
     operator.until_state(CncState.STOPPED)
     stopped = operator.changes[-1]
