@@ -156,10 +156,14 @@ def decision(verdict: RunVerdict) -> Decision:
     error = "the error is beyond the tolerance" if not_within else "the error may be larger"
     if verdict.diagnosis in (RunVerdict.DIAGNOSIS_UNKNOWN, RunVerdict.DIAGNOSIS_NOT_TESTABLE):
         return Decision(CALL_SERVICE, f"{error}, and the model was not tested")
-    if verdict.diagnosis != RunVerdict.DIAGNOSIS_CONSISTENT:
+    found = (RunVerdict.DIAGNOSIS_NAMED, RunVerdict.DIAGNOSIS_AMBIGUOUS)
+    if verdict.diagnosis not in (RunVerdict.DIAGNOSIS_CONSISTENT, *found):
         return Decision(CALL_SERVICE, f"{error}, and more acts than the errors contain")
+    # Beside an effect that was found this is proven only where the uncertainty contains the effect.
     if verdict.conformity == RunVerdict.CONFORMITY_WITHIN:
         return Decision(GO_ON, "the error is within the tolerance")
+    if verdict.diagnosis in found:
+        return Decision(CALL_SERVICE, f"{error}, and more acts than the errors contain")
     if not_within:
         return Decision(COMPENSATE, error)
     if verdict.conformity == RunVerdict.CONFORMITY_UNDECIDED:

@@ -157,10 +157,12 @@ class Catalogue:
         there = set(self._files[table])
         chosen = [part for part in (self.parts if parts is None else parts) if part in there]
         names = [_text(self.place.address(_name(table, part))) for part in chosen]
+        self.connection.register(f"no_{table}", schema(table).empty_table())
         if not names:
-            self.connection.register(f"no_{table}", schema(table).empty_table())
             return f"no_{table}"
-        return f"read_parquet([{', '.join(names)}], union_by_name = true)"
+        # Parts of an earlier version lack columns that are new.
+        read = f"read_parquet([{', '.join(names)}], union_by_name = true)"
+        return f"(from {read} union all by name from no_{table})"
 
     def _make_rows(self) -> bool:
         """Make the views of rows that count; say whether a bag is in more than one part."""

@@ -64,6 +64,13 @@ class Run(Key):
     verdict: Annotated[str | None, means("Of the diagnosis, such as CONSISTENT or NAMED.")]
     verdict_sentence: Annotated[str | None, means("The verdict in words.")]
     effects: Annotated[Sequence[str], means("Labels of the effects that act, strongest first.")]
+    contained: Annotated[
+        bool | None,
+        means(
+            "All that acts is rotations of the axes, which every uncertainty contains; empty if"
+            " made by an earlier version."
+        ),
+    ]
     problem: Annotated[str | None, means("Why the run could not be evaluated; empty if it was.")]
     run_software_version: Annotated[str | None, means("Of stepdiag_ros that made the run.")]
     software_version: Annotated[str, means("Of stepdiag_ros that evaluated the run.")]

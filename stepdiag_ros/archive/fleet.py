@@ -34,8 +34,8 @@ WORST_FIRST = (
     Conformity.NOT_ASKED,
 )
 _RUNS = """
-select coalesce(machine, ?) as machine, time, run_id, bag_sha256, serial_number, verdict, largest_m,
-    largest_expanded_uncertainty_m, problem, simulated
+select coalesce(machine, ?) as machine, time, run_id, bag_sha256, serial_number, verdict, contained,
+    largest_m, largest_expanded_uncertainty_m, problem, simulated
 from runs order by time desc nulls last, bag_sha256, run_number
 """
 _FIGURES = """
@@ -59,6 +59,7 @@ class FleetRun:
         run_id: its identity; empty if the bag states none.
         time: when it began; None if not known.
         verdict: name of the verdict of its diagnosis; empty without one.
+        contained: every uncertainty contains all that acts beside the errors.
         largest: longest error vector in the volume, m; NaN if not known.
         expanded: its U, m; NaN if not known.
         problem: why it could not be evaluated; empty if it was.
@@ -72,6 +73,7 @@ class FleetRun:
     run_id: str
     time: datetime | None
     verdict: str
+    contained: bool
     largest: float
     expanded: float
     problem: str
@@ -206,6 +208,7 @@ def _runs_of_machines(
             run_id,
             row["time"],
             row["verdict"] or "",
+            bool(row["contained"]),
             _number(row["largest_m"]),
             _number(row["largest_expanded_uncertainty_m"]),
             row["problem"] or "",
@@ -240,7 +243,7 @@ def _machine(
             continue  # a machine that no plan has measured so
         value = nan if row is None else _number(row["value"])
         expanded = nan if row is None else _number(row["expanded"])
-        more_acts = Verdict(runs[0].verdict).more_acts
+        more_acts = Verdict(runs[0].verdict, contained=runs[0].contained).more_acts
         proven = conformity(abs(value), expanded, tolerance, more_acts=more_acts)
         unit = before.get(figure, "m") if row is None else row["unit"]
         judged.append(Judged(figure, unit, value, expanded, tolerance, proven))

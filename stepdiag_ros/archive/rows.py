@@ -157,6 +157,7 @@ def _add(
             verdict=verdict.name,
             verdict_sentence=verdict.sentence,
             effects=verdict.effects,
+            contained=verdict.contained,
             problem=None,
             software_version=__version__,
             figure_count=len(figures),

@@ -18,6 +18,7 @@ from stepdiag_ros.metrology.uncertainty.largest_error import (
     budget_of_largest_error,
 )
 from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
+from stepdiag_ros.metrology.uncertainty.source import ANGULAR
 
 NOTHING_STATED = Instrument()
 """Laser, air and setup of which nobody stated anything."""
@@ -129,6 +130,18 @@ def uncertainty_of_largest(
         return LargestErrorUncertainty(of_readings, None)
     made = budget_of_largest_error(preferred, found, budget, report.chain)
     return LargestErrorUncertainty(of_readings, made)
+
+
+def shown_rotations(budget: Budget | None, expected: float) -> float:
+    """Return how large the readings show rotations where that is more than expected, rad; NaN.
+
+    Args:
+        budget: takes the larger of the two; None without one.
+        expected: standard deviation of each angle at the end of its travel, rad.
+    """
+    sources = () if budget is None else budget.sources
+    sizes = [one.standard_uncertainty for one in sources if one.group == ANGULAR]
+    return next((size for size in sizes if size > expected), nan)
 
 
 def is_lower_bound(budget: Budget | None) -> bool:

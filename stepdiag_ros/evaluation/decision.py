@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from math import nan
 
-from stepdiag_ros.evaluation.lead import RunLead, lead_of
+from stepdiag_ros.evaluation.lead import RunLead, accuracy_of, lead_of
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -13,6 +13,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
+from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.conformity import conformity
 from stepdiag_ros.metrology.standards.decision import Agreement, RunDecision
@@ -31,9 +32,13 @@ _AGREEMENTS = {
 }
 
 
-def lead_of_results(results: Mapping[str, VolumetricErrors], chain: str) -> RunLead:
+def lead_of_results(
+    results: Mapping[str, VolumetricErrors], chain: str, plausible: Plausible
+) -> RunLead:
     """Return the summary of results by method, before a diagnosis and without the recording."""
-    return lead_of(Report(tuple(results.values()), chain=chain))
+    report = Report(tuple(results.values()), chain=chain)
+    best = report.preferred()
+    return lead_of(report, None if best is None else accuracy_of(best, chain, plausible))
 
 
 def decide(
@@ -59,7 +64,7 @@ def decide(
             value,
             lead.expanded_uncertainty,
             tolerance,
-            more_acts=lead.verdict.more_acts or aborted,
+            more_acts=lead.more_acts or aborted,
             noise=lead.noise,
             upper_bound=nan if volume is None else volume.upper_bound(lead.expanded_uncertainty),
         ),

@@ -106,7 +106,19 @@ def verdict_and_effects(measurement: Measurement) -> tuple[Verdict, tuple[FoundE
         return Verdict(sentence=f"The run was not diagnosed: {error}."), ()
     except ValueError as error:
         return Verdict(sentence=f"The run cannot be compared with its model: {error}"), ()
-    return Verdict.of(found), tuple(_found(one) for one in found.findings)
+    return verdict_of(found, measurement), _found_in(found)
+
+
+def verdict_of(diagnosis: Diagnosis, measurement: Measurement) -> Verdict:
+    """Return the verdict of a diagnosis of lines."""
+    return Verdict.of_effects(
+        *(diagnosis.verdict, diagnosis.sentence, _found_in(diagnosis)),
+        rotation=measurement.plausible.rotation,
+    )
+
+
+def _found_in(diagnosis: Diagnosis) -> tuple[FoundEffect, ...]:
+    return tuple(_found(one) for one in diagnosis.findings)
 
 
 def diagnose_lines(
@@ -181,7 +193,7 @@ def summary_of(
         lines_planned=len(plan.lines),
         verdict=diagnosis.verdict,
         sentence=diagnosis.sentence,
-        findings=tuple(_found(one) for one in diagnosis.findings),
+        findings=_found_in(diagnosis),
         partial=tuple(_found(one) for one in diagnosis.partial),
         covariance=tuple(float(value) for value in diagnosis.covariance.ravel()),
         noise=diagnosis.noise,

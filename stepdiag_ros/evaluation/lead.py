@@ -14,7 +14,11 @@ from typing import Any
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
-from stepdiag_ros.evaluation.budget import is_lower_bound, uncertainty_of_largest
+from stepdiag_ros.evaluation.budget import (
+    is_lower_bound,
+    shown_rotations,
+    uncertainty_of_largest,
+)
 from stepdiag_ros.evaluation.positioning import PositioningReport, tests_alone, tests_of
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, single_errors
@@ -56,6 +60,7 @@ class RunLead:
         lower_bound: a source that acts is not known: uncertainties are lower bounds.
         plausible: sizes of rotations and of the laser's scale that uncertainties contain.
         rotation_stated: somebody stated that of rotations; if not, it is assumed.
+        rotation_shown: how large the readings show rotations where that is more, rad; NaN if not.
         errors: the single errors that are known, largest first.
         directions: of the lines that were measured.
         as_zero: names of the rotations that were taken as zero.
@@ -86,6 +91,7 @@ class RunLead:
     lower_bound: bool = True
     plausible: Plausible = ORDINARY
     rotation_stated: bool = False
+    rotation_shown: float = math.nan
     errors: tuple[SingleError, ...] = ()
     directions: tuple[str, ...] = ()
     as_zero: tuple[str, ...] = ()
@@ -101,6 +107,11 @@ class RunLead:
     def whole(self) -> bool:
         """Say whether nothing of the plan is known to be missing."""
         return self.passes is None or self.passes.whole
+
+    @property
+    def more_acts(self) -> bool:
+        """Say whether more acts than errors and their uncertainty contain."""
+        return self.verdict.more_acts or self.misfit is Misfit.SHOWN
 
 
 def lead_of(
@@ -131,9 +142,9 @@ def lead_of(
             positioning=positioning,
         )
     rotating = any(name in result.curves for name in ROTATIONS)
-    if accuracy is None and (report.chain or not rotating):
-        accuracy = of_result(result, report.chain, report.plausible)
-    if accuracy is not None and not math.isfinite(accuracy.value):
+    if accuracy is None:
+        accuracy = accuracy_of(result, report.chain, report.plausible)
+    elif not math.isfinite(accuracy.value):
         accuracy = None
     known = [
         one
@@ -169,6 +180,16 @@ def lead_of(
     )
 
 
+def accuracy_of(
+    result: VolumetricErrors, chain: str, plausible: Plausible
+) -> VolumetricAccuracy | None:
+    """Return the longest error vector in the volume; None where it is not determined."""
+    if not chain and any(name in result.curves for name in ROTATIONS):
+        return None
+    found = of_result(result, chain, plausible)
+    return found if math.isfinite(found.value) else None
+
+
 def _sureness(report: Report, accuracy: VolumetricAccuracy | None) -> dict[str, Any]:
     """Return the fields of a lead on how well the largest error is known."""
     fields: dict[str, Any] = {
@@ -176,6 +197,7 @@ def _sureness(report: Report, accuracy: VolumetricAccuracy | None) -> dict[str, 
         "lower_bound": is_lower_bound(report.budget),
         "plausible": report.plausible,
         "rotation_stated": report.rotation_stated,
+        "rotation_shown": shown_rotations(report.budget, report.plausible.rotation),
     }
     if accuracy is not None:
         sure = uncertainty_of_largest(report, accuracy, report.budget)

@@ -20,6 +20,7 @@ from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.evaluation.pursuit import Pursuit, outlook, pursuit_from_text, standing
 from stepdiag_ros.evaluation.solving import SolvedSoFar, solve_run
 from stepdiag_ros.messages.decision import from_decision
+from stepdiag_ros.messages.diagnosis import to_diagnosis
 from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.messages.positioning import from_positioning_test
 from stepdiag_ros.messages.volumetric import from_volumetric_errors
@@ -65,7 +66,7 @@ def _solve_first(run: _Run, lines: Sequence[MeasuredLine], count: int) -> _Solve
     taken = tuple(lines[:count])
     measurement = Measurement(run.plan.volume, latest_attempts(taken), run.chain, run.plausible)
     found = solve_run(run.plan, measurement, taken[-1])
-    lead = lead_of_results(found.results, run.chain)
+    lead = lead_of_results(found.results, run.chain, run.plausible)
     target = None
     if run.pursuit is not None:
         target = standing(run.pursuit, measurement, found.results)
@@ -170,10 +171,19 @@ class SolverNode(LineNode):
         self._conclude()
 
     def _on_diagnosis(self, message: Any) -> None:
-        if message.run_id == self.run_id:
-            self._verdict = Verdict(message.verdict, message.sentence)
-            self._verdict_is_last = message.run_over
-            self._publish_verdict()
+        if message.run_id != self.run_id:
+            return
+        try:
+            found = to_diagnosis(message)
+        except ValueError as error:
+            self.unwell(f"the diagnosis cannot be read: {error}")
+            return
+        self._verdict = Verdict.of_effects(
+            *(found.verdict, found.sentence, found.findings),
+            rotation=self._run.plausible.rotation,
+        )
+        self._verdict_is_last = message.run_over
+        self._publish_verdict()
 
     def _conclude(self) -> None:
         """Publish the verdict on the whole run, when nothing is missing any more."""

@@ -18,6 +18,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     UNEXPLAINED,
 )
 from stepdiag_ros.metrology.discrepancy.summary import NOT_DIAGNOSED
+from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
 from stepdiag_ros.metrology.plausible import ROTATIONS_KEY, Plausible
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.target import TargetStanding
@@ -52,6 +53,8 @@ _TESTED = {
 }
 _NEED_EVEN = "Error curves and the diagnosis need evenly spaced targets."
 _NOT_REPEATED = " No line was repeated: repeatability, reversal and drift were not seen."
+ANGULAR_PLAN = "plan --for angular --machine MACHINE"
+_IN_UNCERTAINTY = " Every ± below contains rotations of this size."
 _NOT_CONTAINED = " The errors below were solved without this effect, which distorts them."
 
 
@@ -138,6 +141,10 @@ def laser_scale(plausible: Plausible) -> str:
 
 def _assumed_rotations(lead: RunLead) -> str:
     size = f"{lead.plausible.rotation * IN_MICRO:.3g} µrad"
+    if isfinite(lead.rotation_shown):
+        shown = f"{lead.rotation_shown * IN_MICRO:.3g} µrad"
+        whose = "stated for the machine" if lead.rotation_stated else "assumed"
+        return f"Pitch, yaw and roll: {shown}, as the readings show; {size} were {whose}."
     if lead.rotation_stated:
         return f"Pitch, yaw and roll: {size}, as stated for the machine."
     return (
@@ -150,7 +157,7 @@ def next_steps(lead: RunLead) -> list[NextStep]:
     """Return what to do next, most urgent first; what comes after it only where it may."""
     if lead.bag is None:
         return []
-    more_acts = lead.verdict.more_acts
+    more_acts = lead.more_acts
     named: list[tuple[str, str]] = [*_complete_first(lead), _ISO_230, _REPORT]
     if not lead.uneven:
         named = [
@@ -217,6 +224,8 @@ def _verdict(lead: RunLead) -> str:
     """Return the verdict of the diagnosis, and what that means for errors that were solved."""
     verdict = lead.verdict
     meaning = _TESTED.get(verdict.name, _NOT_CONTAINED) if _has_values(lead) else ""
+    if meaning and verdict.contained:
+        meaning = _IN_UNCERTAINTY
     if _is_left_out(lead):
         meaning = ""
     if verdict.name == CONSISTENT and not lead.repeated:
@@ -249,7 +258,7 @@ def _misfit(lead: RunLead) -> list[str]:
 def _is_left_out(lead: RunLead) -> bool:
     """Say whether errors do not explain the readings because of what the diagnosis has found."""
     found = lead.verdict.name in (NAMED, AMBIGUOUS, DESCRIBED)
-    return found and lead.misfit is Misfit.SHOWN
+    return found and not lead.verdict.contained and lead.misfit is Misfit.SHOWN
 
 
 def _unknown(lead: RunLead) -> list[str]:
@@ -352,7 +361,10 @@ def _after_verdict(lead: RunLead) -> list[tuple[str, str]]:
         ],
     }
     otherwise = [("diagnose {}", "does another effect act on the machine?")]
-    return asked.get(lead.verdict.name, otherwise)
+    steps = asked.get(lead.verdict.name, otherwise)
+    if lead.verdict.name == NAMED and SEVERAL_ANGULAR_ERRORS.name in lead.verdict.effects:
+        return [*steps, (ANGULAR_PLAN, "a plan that shows which axes rotate")]
+    return steps
 
 
 def _for_unknown(lead: RunLead) -> list[tuple[str, str]]:

@@ -28,24 +28,41 @@ def read(place):
 
 
 @pytest.mark.parametrize(
-    ("size", "verdict", "wanted"),
+    ("size", "verdict", "contained", "wanted"),
     [
-        (9.7e-6, "CONSISTENT", Conformity.WITHIN),
-        (-9.7e-6, "CONSISTENT", Conformity.WITHIN),
-        (9.9e-6, "CONSISTENT", Conformity.UNDECIDED),
-        (10.1e-6, "CONSISTENT", Conformity.UNDECIDED),
-        (-10.3e-6, "CONSISTENT", Conformity.NOT_WITHIN),
-        (10.3e-6, "NAMED", Conformity.UNDECIDED),
-        (9.7e-6, "UNEXPLAINED", Conformity.UNDECIDED),
+        (9.7e-6, "CONSISTENT", False, Conformity.WITHIN),
+        (-9.7e-6, "CONSISTENT", False, Conformity.WITHIN),
+        (9.9e-6, "CONSISTENT", False, Conformity.UNDECIDED),
+        (10.1e-6, "CONSISTENT", False, Conformity.UNDECIDED),
+        (-10.3e-6, "CONSISTENT", False, Conformity.NOT_WITHIN),
+        (10.3e-6, "NAMED", False, Conformity.UNDECIDED),
+        (10.3e-6, "NAMED", True, Conformity.NOT_WITHIN),
+        (9.7e-6, "UNEXPLAINED", False, Conformity.UNDECIDED),
     ],
 )
-def test_the_newest_run_alone_is_judged_with_its_uncertainty(folder, size, verdict, wanted):
-    written(folder, run(1, "mill", 30, 5e-5), run(2, "mill", 3, size, verdict=verdict))
+def test_the_newest_run_alone_is_judged_with_its_uncertainty(
+    folder, size, verdict, contained, wanted
+):
+    newest = run(2, "mill", 3, size, verdict=verdict, contained=contained)
+    written(folder, run(1, "mill", 30, 5e-5), newest)
     state(folder, "tolerances: {C0Y: 1.0e-5}\n")
     (mill,) = read(folder).values()
     assert mill.state is wanted
     (judged,) = mill.judged
     assert (judged.name, judged.value, judged.expanded) == ("C0Y", size, pytest.approx(2e-7))
+
+
+def test_an_archive_of_an_earlier_version_lacks_columns(folder):
+    from pyarrow import parquet
+
+    written(folder, run(1, "mill", 3, 9.7e-6, verdict="NAMED"))
+    state(folder, "tolerances: {C0Y: 1.0e-5}\n")
+    for file in Path(folder.url).rglob("*.parquet"):
+        table = parquet.read_table(file)
+        if "contained" in table.column_names:
+            parquet.write_table(table.drop_columns(["contained"]), file)
+    (mill,) = read(folder).values()
+    assert mill.state is Conformity.UNDECIDED
 
 
 def test_machines_stand_worst_first(folder):

@@ -114,7 +114,9 @@ WITHIN, NOT_WITHIN = RunVerdict.CONFORMITY_WITHIN, RunVerdict.CONFORMITY_NOT_WIT
         (AGREE, WITHIN, "within the tolerance"),
         (AGREE, RunVerdict.CONFORMITY_UNDECIDED, "call service"),
         (AGREE, RunVerdict.CONFORMITY_NOT_ASKED, "call service"),
-        (MORE, WITHIN, "call service"),
+        (MORE, WITHIN, "within the tolerance"),
+        (MORE, RunVerdict.CONFORMITY_UNDECIDED, "call service"),
+        (RunVerdict.DIAGNOSIS_DESCRIBED, WITHIN, "call service"),
         (MORE, NOT_WITHIN, "call service"),
     ],
 )

@@ -21,7 +21,12 @@ CELLS = [
         *("UNEXPLAINED", "NOT_TESTABLE", "DESCRIBED"),
     )
 ]
-NOT_SERVICE = {("WITHIN", "CONSISTENT"): GO_ON, ("NOT_WITHIN", "CONSISTENT"): COMPENSATE}
+NOT_SERVICE = {
+    ("WITHIN", "CONSISTENT"): GO_ON,
+    ("WITHIN", "NAMED"): GO_ON,
+    ("WITHIN", "AMBIGUOUS"): GO_ON,
+    ("NOT_WITHIN", "CONSISTENT"): COMPENSATE,
+}
 
 
 def verdict_of(conformity, diagnosis, **changed):

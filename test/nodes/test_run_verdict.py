@@ -42,9 +42,18 @@ def measured():
     return simulate(plan_from_text(PLAN, "plan"), load_cell("demo")[0])
 
 
+def rotation(label):
+    """Return a finding of 5 µrad."""
+    one = message_type("stepdiag_ros/msg/EffectFinding")(label=label)
+    one.size, one.unit, one.meaning = ["linear"], ["rad"], ["turn over the travel"]
+    for field in ("value", "standard_uncertainty", "band_low", "band_high"):
+        setattr(one, field, np.array([5e-6]))
+    return one
+
+
 def test_the_decision_has_the_numbers_of_the_result(measured):
     results, _ = solve_reproducibly(measured)
-    lead = lead_of_results(results, measured.chain)
+    lead = lead_of_results(results, measured.chain, measured.plausible)
     found = of_result(results["least_squares"], measured.chain)
     for tolerance, proven in (
         (nan, Conformity.NOT_ASKED),
@@ -62,7 +71,7 @@ def test_the_decision_has_the_numbers_of_the_result(measured):
 def test_what_is_not_determined_is_unknown_and_named(measured):
     lines = Measurement(measured.volume, measured.lines[:2], measured.chain)
     results, _ = solve_reproducibly(lines)
-    decision = decide(lead_of_results(results, lines.chain), "least_squares", 1.0)
+    decision = decide(lead_of_results(results, lines.chain, lines.plausible), "least_squares", 1.0)
     assert isnan(decision.worst_error) and isnan(decision.worst_place[0])
     assert decision.conformity is Conformity.UNDECIDED
     assert {"E_ZZ", "C0Y"} <= set(decision.not_determined)
@@ -116,14 +125,22 @@ def test_the_solver_publishes_the_verdict_after_each_line_and_once_more_at_the_e
             count = len(measured.lines)
             assert operator.spin_until(lambda: heard and heard[-1].lines == count, PATIENCE)
             assert heard[-1].conformity == Conformity.WITHIN and not heard[-1].run_over
-            for verdict, proven in (
-                ("NAMED", Conformity.UNDECIDED),  # more acts than the errors contain
-                ("CONSISTENT", Conformity.WITHIN),
+            for verdict, label, proven in (
+                ("NAMED", "backlash of X", Conformity.UNDECIDED),
+                # Which uncertainties contain.
+                ("NAMED", "angular error E_CZ", Conformity.WITHIN),
+                ("CONSISTENT", "", Conformity.WITHIN),
             ):
+                heard.clear()
                 kind = message_type(topics.DIAGNOSIS.type_name)
-                diagnose.publish(kind(run_id=RUN_ID, verdict=verdict, run_over=True))
+                findings = [rotation(label)] if label else []
+                diagnose.publish(
+                    kind(run_id=RUN_ID, verdict=verdict, run_over=True, findings=findings)
+                )
                 agreed = Agreement[verdict]
-                assert operator.spin_until(lambda a=agreed: heard[-1].diagnosis == a, PATIENCE)
+                assert operator.spin_until(
+                    lambda a=agreed: heard and heard[-1].diagnosis == a, PATIENCE
+                )
                 assert heard[-1].conformity == proven
                 assert heard[-1].outcome == Outcome.UNKNOWN
             kind = message_type(topics.RUN_STATE.type_name)
@@ -138,7 +155,9 @@ def test_the_solver_publishes_the_verdict_after_each_line_and_once_more_at_the_e
     proven = {Outcome.FINISHED: Conformity.WITHIN, Outcome.ABORTED: Conformity.UNDECIDED}
     assert (last.outcome, last.conformity) == (outcome, proven[outcome])
     results, _ = solve_reproducibly(measured)
-    decision = decide(lead_of_results(results, measured.chain), "least_squares", 1e-3)
+    decision = decide(
+        lead_of_results(results, measured.chain, measured.plausible), "least_squares", 1e-3
+    )
     again = from_decision(decision, RUN_ID, 0, (count, count), True, outcome)
     for field in ("worst_error", "expanded_uncertainty", "coverage_factor", "method"):
         assert getattr(last, field) == getattr(again, field), field

@@ -208,6 +208,19 @@ def test_what_the_diagnosis_has_found_is_not_said_to_be_another_effect(verdict):
     assert any("another effect" in text.lower() for text in sentences_of(unexplained))
 
 
+def test_rotations_that_every_uncertainty_contains_distort_no_error():
+    lead = lead_of(make_report(results=(make_result(),), bag=Path("run.mcap")))
+    several = Verdict("NAMED", "The model lacks them.", ("several angular errors",))
+    outside, inside = (
+        replace(lead, verdict=replace(several, contained=contained)) for contained in (False, True)
+    )
+    first, second = (" ".join(sentences_of(one)) for one in (outside, inside))
+    assert "distorts" in first and "distorts" not in second and "contains rotations" in second
+    assert (outside.more_acts, inside.more_acts) == (True, False)
+    for one in (outside, inside):
+        assert any("plan --for angular" in line for line in next_lines(one))
+
+
 def test_of_a_run_that_no_method_could_solve_everything_is_unknown():
     lead = lead_of(make_report(results=(), bag=Path("run.mcap")))
     assert lead.solved is False and set(lead.unknown) == {*TRANSLATIONS, *SQUARENESS}

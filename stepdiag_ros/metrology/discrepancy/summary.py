@@ -4,7 +4,9 @@ A ``Diagnosis`` holds the effects themselves and the gap at every stop. A subscr
 a bag, has neither the catalogue nor the lines at hand.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import inf
 
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -12,13 +14,23 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
-    Diagnosis,
     RunnerUp,
     Share,
 )
+from stepdiag_ros.metrology.effects.angular_error import EFFECT as ANGULAR
+from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL
+from stepdiag_ros.metrology.effects.smooth_angular_error import EFFECT as WAVY
+from stepdiag_ros.metrology.geometry import ROTATIONS
 
 NOT_DIAGNOSED = "NOT DIAGNOSED"
 """In place of a verdict where a run was not compared with its model."""
+_ROTATIONS = frozenset({
+    SEVERAL.name,
+    *(effect.label({"error": name}) for effect in (ANGULAR, WAVY) for name in ROTATIONS),
+})  # fmt: skip
+"""Labels of effects by which nothing but an axis rotates as it moves."""
+_LARGEST = 3.0
+"""Size of rotations, over the plausible one, up to which bands were seen to hold (test/bands)."""
 
 
 @dataclass(frozen=True)
@@ -31,21 +43,35 @@ class Verdict:
         effects: labels of the effects that act, strongest first; where DESCRIBED, of the
             shapes that close the gap; empty where CONSISTENT, UNEXPLAINED or NOT TESTABLE.
         rivals: where AMBIGUOUS, labels of others that may act in place of these.
+        contained: all that acts is rotations of the axes, whichever of the names is right, and none
+            is larger than every uncertainty of an error contains.
     """
 
     name: str = NOT_DIAGNOSED
     sentence: str = "Whether anything acts that these errors do not contain was not tested."
     effects: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
+    contained: bool = False
 
     @classmethod
-    def of(cls, diagnosis: Diagnosis) -> "Verdict":
-        """Return the verdict of a diagnosis."""
-        found = diagnosis.findings
+    def of_effects(
+        cls, name: str, sentence: str, found: Sequence["FoundEffect"], rotation: float
+    ) -> "Verdict":
+        """Return a verdict.
+
+        Args:
+            name: of it.
+            sentence: of it.
+            found: the effects that act, strongest first.
+            rotation: plausible size of rotations, rad.
+        """
         effects = tuple(one.label for one in found)
-        rivals = dict.fromkeys(label for one in found for label in one.ambiguous)
-        others = tuple(label for label in rivals if label not in effects)
-        return cls(diagnosis.verdict, diagnosis.sentence, effects, others)
+        every = dict.fromkeys(label for one in found for label in one.ambiguous_with)
+        rivals = tuple(label for label in every if label not in effects)
+        rotations = name in (NAMED, AMBIGUOUS) and _ROTATIONS.issuperset((*effects, *rivals))
+        sizes = [abs(size.value) for one in found for size in one.sizes]
+        contained = rotations and max(sizes, default=inf) <= _LARGEST * rotation
+        return cls(name, sentence, effects, rivals, contained)
 
     @property
     def words(self) -> str:
@@ -55,8 +81,8 @@ class Verdict:
 
     @property
     def more_acts(self) -> bool:
-        """Say whether the run shows more than its model contains."""
-        return self.name in (NAMED, AMBIGUOUS, DESCRIBED, UNEXPLAINED)
+        """Say whether the run shows more than its errors and their uncertainty contain."""
+        return self.name in (NAMED, AMBIGUOUS, DESCRIBED, UNEXPLAINED) and not self.contained
 
     @property
     def tested(self) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag_ros.evaluation.budget import shown_rotations
 from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -13,7 +14,9 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NAMED,
     NOT_TESTABLE,
     UNEXPLAINED,
+    Finding,
 )
+from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
 from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.metrology.standards.conformity import Conformity, conformity
 from stepdiag_ros.metrology.uncertainty.source import ANGULAR
@@ -34,7 +37,7 @@ from stepdiag_ros.text.numbers import (
 )
 from stepdiag_ros.words.budget import LOWERED_BY
 from stepdiag_ros.words.diagnosis import sizes_words
-from stepdiag_ros.words.lead import laser_scale, missing_words, sentences_of
+from stepdiag_ros.words.lead import ANGULAR_PLAN, laser_scale, missing_words, sentences_of
 from stepdiag_ros.words.positioning import decimals_of, leading_parameters, size_words
 from stepdiag_ros.words.proposal import proposed_sentences
 
@@ -47,6 +50,7 @@ _MEANS = {
     NOT_TESTABLE: "no reading of this run could contradict the error curves",
 }
 """Verdict of the diagnosis → what it means to a customer."""
+_ROTATES = "axes rotate as they move, which every ± contains"
 KEEPS, EXCEEDS, OPEN, NOT_ASKED = "keeps", "exceeds", "open", "not asked"
 _VERDICTS = {
     Conformity.NOT_ASKED: NOT_ASKED,
@@ -68,7 +72,7 @@ class ToleranceJudgement:
         expanded_uncertainty: of it (95 %), m; NaN if unknown.
         lower_bound: the uncertainty is a lower bound: a source that acts is not known.
         tolerance: m; NaN if none was given.
-        more_acts: the run itself shows more than the error curves contain.
+        more_acts: the run itself shows more than value and U contain.
         noise: the errors found are no more than noise makes.
         tested: a reading of the run could contradict the error curves, and was compared with them.
         upper_bound: of the error at every place of the volume (95 %), m; NaN if unknown.
@@ -130,8 +134,10 @@ class ToleranceJudgement:
 
 def verdict_words(material: Material) -> str:
     """Return the verdict of the diagnosis, and what it means to a customer."""
-    name = material.lead.verdict.name
-    return f"{name}: {_MEANS[name]}" if name in _MEANS else name
+    verdict = material.lead.verdict
+    if verdict.contained:
+        return f"{verdict.name}: {_ROTATES}"
+    return f"{verdict.name}: {_MEANS[verdict.name]}" if verdict.name in _MEANS else verdict.name
 
 
 def judge(material: Material) -> ToleranceJudgement:
@@ -139,7 +145,7 @@ def judge(material: Material) -> ToleranceJudgement:
     accuracy, tolerance = material.accuracy, material.given.tolerance
     value = math.nan if accuracy is None else accuracy.value
     expanded = material.expanded_uncertainty
-    more_acts, noise = material.lead.verdict.more_acts, material.lead.noise
+    more_acts, noise = material.lead.more_acts, material.lead.noise
     bound = math.nan if accuracy is None else accuracy.upper_bound(expanded)
     proven = conformity(
         value, expanded, tolerance, more_acts=more_acts, noise=noise, upper_bound=bound
@@ -319,11 +325,7 @@ def _shown_size(material: Material) -> float:
     stated = material.given.instrument.angular_errors
     size = material.measurement.plausible.rotation
     expected = stated.standard_uncertainty if stated.known else size
-    if material.budget is not None:
-        for one in material.budget.budget.sources:
-            if one.group == ANGULAR and one.standard_uncertainty > expected:
-                return one.standard_uncertainty
-    return math.nan
+    return shown_rotations(None if material.budget is None else material.budget.budget, expected)
 
 
 def _of_laser(material: Material) -> str:
@@ -397,7 +399,7 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
             said += [f"measure next: {text}" for text in proposed[:1]]
             said.append(f"the extra plan as a file: stepdiag diagnose {bag} --propose more.yaml.")
         for finding in diagnosis.findings if diagnosis.verdict == NAMED else ():
-            said.append(f"see to {finding.label} ({sizes_words(finding)}).")
+            said.append(f"see to {finding.label} ({sizes_words(finding)}).{_which(finding)}")
         if diagnosis.verdict == NOT_TESTABLE:
             said.append(
                 "measure lines that test each other, with repeats: nothing in this run could"
@@ -438,6 +440,16 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
     if not said:
         said.append("nothing by these figures.")
     return said
+
+
+def _which(finding: Finding) -> str:
+    """Say how to learn which axes rotate, where a finding does not name them."""
+    if finding.candidate.effect.name != SEVERAL_ANGULAR_ERRORS.name:
+        return ""
+    return (
+        " These lines do not determine which axes rotate about what; a plan by"
+        f" 'stepdiag {ANGULAR_PLAN}' does."
+    )
 
 
 def _by_its_largest_source(material: Material) -> str:

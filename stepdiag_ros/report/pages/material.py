@@ -28,6 +28,7 @@ from stepdiag_ros.evaluation.budget import (
     uncertainty_of_largest,
 )
 from stepdiag_ros.evaluation.compensation import CompensationReport, compensation_of, identified_of
+from stepdiag_ros.evaluation.diagnosing import verdict_of
 from stepdiag_ros.evaluation.diagnosis import Ask, DiagnosisReport, build_diagnosis, with_proposal
 from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
 from stepdiag_ros.evaluation.flown import FlownRun, flown_run
@@ -343,7 +344,7 @@ class Material:
         if self.diagnosis is None:
             verdict = Verdict(sentence=self.why_not("diagnosis"))
         else:
-            verdict = Verdict.of(self.diagnosis.diagnosis)
+            verdict = verdict_of(self.diagnosis.diagnosis, self.measurement)
         budget = None if self.budget is None else self.budget.budget
         return replace(self.report, verdict=verdict, budget=budget)
 

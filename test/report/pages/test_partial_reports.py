@@ -20,6 +20,7 @@ from standard_runs import measured, write_bag
 
 from stepdiag_ros.cli import main
 from stepdiag_ros.evaluation.lead import RunLead
+from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -255,6 +256,11 @@ def test_no_run_that_shows_more_than_the_error_curves_decides_on_a_limit(acts, t
     assert judged.verdict == (alone if acts in (CONSISTENT, NOT_TESTABLE) else OPEN)
     assert judged.more_acts == (judged.verdict == OPEN)
     assert judged.tested == (acts != NOT_TESTABLE)
+    found.lead = RunLead(Verdict(acts, "so it is", contained=True))
+    assert judge(found).verdict == alone
+    # Errors that do not explain the readings beyond rotations prove nothing.
+    found.lead = RunLead(Verdict(acts, "so it is", contained=True), misfit=Misfit.SHOWN)
+    assert judge(found).verdict == OPEN
 
 
 def test_noise_exceeds_no_limit():
