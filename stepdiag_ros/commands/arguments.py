@@ -77,6 +77,13 @@ class HintingParser(argparse.ArgumentParser):
         width = get_terminal_size().columns
         return super().format_help() + "\n".join(fit_line(x, width) for x in further.split("\n"))
 
+    def error(self, message: str) -> NoReturn:
+        """End the program with one sentence; the usage would push it out of sight."""
+        name = self.prog
+        helped = "--help" in message or "did you mean" in message
+        hint = "" if helped else f" ('{name} --help' explains what it takes)"
+        self.exit(2, f"{name}: error: {message}{hint}\n")
+
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         """End the program with a message that fits the terminal."""
         super().exit(status, message and fitted(message, columns(sys.stderr)))

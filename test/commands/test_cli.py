@@ -418,7 +418,8 @@ def test_wrong_usage_ends_with_2(arguments, capsys):
     code, out, err = stepdiag(capsys, *arguments)
     assert code == 2
     assert out == ""
-    assert "usage: stepdiag" in err
+    # The usage of a command with many options would push the sentence out of sight.
+    assert err.startswith("stepdiag") and ": error: " in err and "usage" not in err
 
 
 @pytest.mark.parametrize(
@@ -437,8 +438,7 @@ def test_wrong_usage_ends_with_2(arguments, capsys):
 def test_what_a_command_does_not_know_it_says_itself(arguments, said, capsys):
     code, out, err = stepdiag(capsys, *arguments)
     assert (code, out) == (2, "")
-    assert said in err.splitlines()[-1]
-    assert f"usage: stepdiag {arguments[0]}" in err
+    assert said in err.splitlines()[0]
 
 
 def test_without_a_command_all_are_listed_by_what_they_are_for(capsys):

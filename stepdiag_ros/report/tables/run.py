@@ -523,7 +523,7 @@ def _determined(report: Report, lead: RunLead) -> list[str]:
 
 def _why_not_so_many(report: Report, truth: Truth) -> str:
     """Say why more or fewer true values than expected may be within their uncertainty."""
-    if report.verdict.effects:
+    if report.verdict.effects and not report.verdict.contained:
         return "; fewer, because an effect acts that these curves do not contain"
     if not any(np.any(truth.curves.get(name, 0.0)) for name in ROTATIONS):
         return "; more, because ± contains rotations, and this machine has none"
