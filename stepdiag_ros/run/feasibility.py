@@ -7,6 +7,7 @@ import numpy as np
 from stepdiag_ros.metrology.geometry import AXES, Vector
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import Line, Plan
+from stepdiag_ros.metrology.units import IN_MILLI
 
 
 def beyond_machine(plan: Plan, machine: Machine) -> str:
@@ -33,9 +34,16 @@ def out_of_limits(
                 return (
                     f"line {line.name} runs {AXES[axis]} from {least:g} m to {most:g} m"
                     f"{overrun}, outside the soft limits of {source}, {low[axis]:g} m to"
-                    f" {high[axis]:g} m"
+                    f" {high[axis]:g} m{_meant(most, high[axis])}"
                 )
     return ""
+
+
+def _meant(most: float, high: float) -> str:
+    """Ask for millimetres where a line runs so far beyond a limit; empty otherwise."""
+    meant = most / IN_MILLI
+    in_millimetres = most > 10.0 * high and meant <= high
+    return f"; lengths are in metres: was {meant:g} m meant?" if in_millimetres else ""
 
 
 def least_clearance(plan: Plan, machine: Machine) -> tuple[float, str]:

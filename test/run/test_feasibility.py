@@ -26,3 +26,11 @@ def test_a_run_up_counts_and_may_lie_beyond_the_travel(plan):
     distance, axis = least_clearance(replace(plan, overrun=0.01), machine)
     assert axis == "Y" and distance == pytest.approx(0.004 - 0.01)
     assert beyond_machine(replace(plan, overrun=0.01), machine)
+
+
+def test_a_plan_in_millimetres_is_recognized(plan):
+    machine = load_machine("demo")[0]
+    millimetres = replace(plan, volume=replace(plan.volume, step=(10.0,) * 3))
+    assert "0.12 m" in beyond_machine(millimetres, machine)
+    too_long = replace(plan, volume=replace(plan.volume, step=(0.1,) * 3))
+    assert "meant" not in beyond_machine(too_long, machine)
