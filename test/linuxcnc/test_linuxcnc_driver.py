@@ -194,6 +194,7 @@ def test_what_cannot_be_is_refused_and_nothing_moves(watched, target, feed, axes
     with refused(MoveRefused, aspect=aspect):
         watched.go(*target, feed=feed, axes=axes)
     watched.wait(0.1)
+    watched.position()
     assert watched.driver.state is CncState.READY
     assert np.ptp([sample.position for sample in watched.samples()], axis=0).max() < WINDOW
     # And the next one is made: no number was lost.

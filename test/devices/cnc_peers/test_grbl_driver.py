@@ -8,6 +8,7 @@ import pytest
 from grbl_rig import MACHINE, GrblPeer, operator_of
 from patience import PATIENCE
 from refused import a_fault, refused
+from ros_processes import wait_until
 
 from stepdiag_ros.devices import Surroundings, prepare
 from stepdiag_ros.devices.cnc import CncState, MoveRefused
@@ -158,6 +159,7 @@ def test_a_lost_position_is_not_unlocked_but_homed(peers):
     operator.until(lambda: operator.changes and "locked" in operator.changes[-1].reason)
     with refused(MoveRefused, "undetermined", aspect="position"):
         operator.device.reset(time.time_ns())
+    operator.until(lambda: len(peer.received) == 3)
     operator.watch(0.2)
     assert peer.received == ["$I", "$$", "$N"]
     operator.device.close()
@@ -254,8 +256,7 @@ def test_a_machine_that_stands_still_in_a_step_is_a_fault_and_held(peer):
     operator = moving(peer)
     peer._move = lambda _: None
     assert "have stood for 3 s away from the target" in fault(operator)
-    operator.watch(0.1)
-    assert peer._state == "Hold:1"
+    operator.until(lambda: peer._state == "Hold:1")
 
 
 def test_a_hold_that_does_not_brake_is_followed_by_a_kill(peer):
@@ -341,8 +342,7 @@ def test_a_controller_held_by_a_link_that_broke_is_reset_by_an_operator(peer):
     operator = moving(peer)
     operator.device.stop(time.time_ns(), "the node ends")
     operator.device.close()
-    time.sleep(0.3)
-    assert peer._state == "Hold:0"
+    assert wait_until(lambda: peer._state == "Hold:0")
     operator = operator_of(peer)
     operator.until(lambda: operator.changes[-1].reason == "feed hold at the machine")
     operator.watch(0.2)
