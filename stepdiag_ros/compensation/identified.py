@@ -324,7 +324,10 @@ def _told_first(lead: Mapping[str, Any] | None) -> tuple[Verdict, Completeness |
     if lead is None:
         return Verdict(), None
     said, passes = lead["verdict"], lead["passes"]
-    verdict = Verdict(said["name"], said["sentence"], tuple(said["effects"]), tuple(said["rivals"]))
+    verdict = Verdict(
+        *(said["name"], said["sentence"], tuple(said["effects"]), tuple(said["rivals"])),
+        contained=said.get("contained", False),
+    )
     if passes is None:
         return verdict, None
     return verdict, Completeness(

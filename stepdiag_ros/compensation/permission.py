@@ -27,6 +27,10 @@ LEARN_FIRST = (
     " --extend MODEL', then --model MODEL)"
 )
 _ANGULAR = "angular error"
+_ROTATIONS_STAY = (
+    "tables hold no rotations of axes; what these do away from the corner of the error curves"
+    " stays, and the stated uncertainties contain it"
+)
 
 
 _IN_CURVES = (
@@ -56,8 +60,8 @@ def permission(
     """Judge by the verdict on a run whether tables may be made of its errors.
 
     Refused are UNEXPLAINED and DESCRIBED, and every effect that was NAMED, or may act where
-    AMBIGUOUS, that is not in the tables (``not_held``). NOT TESTABLE, a run without a verdict and
-    one that was cut short are warned of.
+    AMBIGUOUS, that is not in the tables (``not_held``). Rotations that the uncertainties contain,
+    NOT TESTABLE, a run without a verdict and one that was cut short are warned of.
 
     Args:
         identified: the errors.
@@ -74,12 +78,13 @@ def permission(
         )
     reversal = control is not None and control.holds_reversal(settings or {})
     left = not_held(verdict, identified, reversal)
-    if left:
+    if left and not verdict.contained:
         return TablePermission(
             f"the verdict on the run is {verdict.name}, and {', '.join(left)} would not be in the"
             " tables, and a part of that may be in the error curves that they are made of"
         )
-    return TablePermission(warnings=tuple(_warnings(verdict, identified.passes)))
+    rotating = [f"{', '.join(left)}: {_ROTATIONS_STAY}"] if left else []
+    return TablePermission(warnings=(*rotating, *_warnings(verdict, identified.passes)))
 
 
 def not_held(verdict: Verdict, identified: Identified, reversal: bool) -> tuple[str, ...]:

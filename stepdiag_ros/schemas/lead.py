@@ -56,6 +56,13 @@ class Verdict:
         Sequence[Annotated[str, Meta(min_length=1)]],
         means("Where AMBIGUOUS, labels of others that may act in place of these."),
     ]
+    contained: Annotated[
+        bool,
+        means(
+            "All that acts is rotations of the axes, none larger than every uncertainty of an error"
+            " contains."
+        ),
+    ] = False
 
 
 @dataclass(frozen=True, kw_only=True)

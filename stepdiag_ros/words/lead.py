@@ -384,7 +384,7 @@ def _compensation(lead: RunLead) -> list[tuple[str, str]]:
     )
     if not lead.solved or not trusted:
         return []
-    if lead.verdict.name == CONSISTENT:
+    if lead.verdict.name == CONSISTENT or lead.verdict.contained:
         return [("compensate {} --for generic", "tables; --for names the control")]
     if lead.verdict.name == NAMED and held_by_any(lead.verdict):
         what = ", ".join(lead.verdict.effects)

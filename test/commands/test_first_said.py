@@ -15,6 +15,8 @@ from standard_runs import cell
 from stepdiag_ros import cli
 from stepdiag_ros.bags.table import import_table
 from stepdiag_ros.configuration import plan_from_text
+from stepdiag_ros.evaluation import recorded_run
+from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.effects import angular_error, catalogue
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.geometry import SQUARENESS, TRANSLATIONS
@@ -316,6 +318,23 @@ def test_what_is_untested_or_cut_short_is_warned_of_first_and_goes_on(
     document = json.loads(said.out)
     assert document["origin"]["despite_verdict"] is None
     assert any(words in one for one in document["remarks"])
+
+
+@pytest.mark.parametrize("contained", [True, False])
+def test_rotations_that_uncertainties_contain_are_warned_of(
+    bags, tmp_path, capsys, monkeypatch, contained
+):
+    turns = Verdict("NAMED", "The model lacks it.", ("angular error E_CZ",), contained=contained)
+    monkeypatch.setattr(recorded_run, "verdict_on", lambda _: turns)
+    bag, results = bags("CONSISTENT"), tmp_path / "r"
+    given = ["solve", str(bag), "--pictures", "none", "--output", str(results)]
+    assert cli.main(given) == 0
+    for source in (bag, results / "results.json"):
+        capsys.readouterr()
+        made = compensate(source, tmp_path / f"from {source.name}", "generic")
+        said = capsys.readouterr().err
+        assert made == (0 if contained else 1) and "angular error E_CZ" in said
+        assert ("warning" in said) == contained == ("--despite-verdict" not in said)
 
 
 def test_results_carry_the_verdict_and_earlier_ones_without_it_are_warned_of(

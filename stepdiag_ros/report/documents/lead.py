@@ -19,7 +19,7 @@ def lead_document(lead: RunLead) -> dict[str, Any]:
             Flaw(kind=flaw.kind, sentence=flaw.sentence, messages=flaw.messages)
             for flaw in lead.recording
         ],
-        verdict=part_of(Verdict, lead.verdict),
+        verdict=part_of(Verdict, lead.verdict, contained=lead.verdict.contained),
         passes=None if passes is None else part_of(Passes, passes, end=passes.end or None),
         misfit=lead.misfit.name.lower() if lead.solved else None,
         remedy=lead.remedy or None,

@@ -419,7 +419,7 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
         )
     elif material.compensation is not None and material.compensation.identified.warning:
         said.append(f"do not compensate by this run: {material.compensation.identified.warning}.")
-    elif material.compensation is not None and not said:
+    elif material.compensation is not None and (not said or run.verdict.contained):
         change = material.compensation.remainder.change("volume, largest")
         if change.after < change.before:
             expanded = judged.expanded_uncertainty
