@@ -30,7 +30,7 @@ from fault_judging import DeviceLog, doubled, whole, wrong_lines
 from faulty_devices import install
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
-from stepdiag_ros.processes.cell import simulated_cell, twin_cell
+from stepdiag_ros.processes.cell import PATIENT, simulated_cell, twin_cell
 from stepdiag_ros.processes.node_process import NodeProcess, Processes
 from stepdiag_ros.run.sequence import State
 
@@ -121,6 +121,9 @@ class Cell:
             file = self._file("linuxcnc", settings)
             nodes = twin_cell(PLAN, MACHINE, CELL, self.bags, inner, file)
         for node in nodes:
+            # A simulated cell waits longer; what is judged here is how fast a machine is stopped.
+            for name in PATIENT:
+                node.parameters.pop(name, None)
             if node.name == "bridge":
                 told = {"driver": inner, "settings": settings, "log": str(self.device_log._file)}
                 yield self._faulty(node, told, ("cell",))

@@ -61,6 +61,13 @@ class Run(Key):
     largest_expanded_uncertainty_m: Annotated[
         float | None, means("Expanded uncertainty U (95 %) of `largest_m`, m.")
     ]
+    largest_upper_bound_m: Annotated[
+        float | None,
+        means(
+            "What the error is below, with 95 %, at every place of the box, m; empty if made by an"
+            " earlier version."
+        ),
+    ]
     verdict: Annotated[str | None, means("Of the diagnosis, such as CONSISTENT or NAMED.")]
     verdict_sentence: Annotated[str | None, means("The verdict in words.")]
     effects: Annotated[Sequence[str], means("Labels of the effects that act, strongest first.")]

@@ -35,7 +35,7 @@ WORST_FIRST = (
 )
 _RUNS = """
 select coalesce(machine, ?) as machine, time, run_id, bag_sha256, serial_number, verdict, contained,
-    largest_m, largest_expanded_uncertainty_m, problem, simulated
+    largest_m, largest_expanded_uncertainty_m, largest_upper_bound_m, problem, simulated
 from runs order by time desc nulls last, bag_sha256, run_number
 """
 _FIGURES = """
@@ -62,6 +62,7 @@ class FleetRun:
         contained: every uncertainty contains all that acts beside the errors.
         largest: longest error vector in the volume, m; NaN if not known.
         expanded: its U, m; NaN if not known.
+        upper_bound: of the error at every place (95 %), m; NaN if not known.
         problem: why it could not be evaluated; empty if it was.
         sha256: of its bag.
         bag: name of the bag in the place; empty if it is not there any more.
@@ -76,6 +77,7 @@ class FleetRun:
     contained: bool
     largest: float
     expanded: float
+    upper_bound: float
     problem: str
     sha256: str
     bag: str
@@ -211,6 +213,7 @@ def _runs_of_machines(
             bool(row["contained"]),
             _number(row["largest_m"]),
             _number(row["largest_expanded_uncertainty_m"]),
+            _number(row["largest_upper_bound_m"]),
             row["problem"] or "",
             sha256,
             bags.get(sha256, ""),
@@ -244,7 +247,8 @@ def _machine(
         value = nan if row is None else _number(row["value"])
         expanded = nan if row is None else _number(row["expanded"])
         more_acts = Verdict(runs[0].verdict, contained=runs[0].contained).more_acts
-        proven = conformity(abs(value), expanded, tolerance, more_acts=more_acts)
+        bound = runs[0].upper_bound if figure == LARGEST else nan
+        proven = conformity(abs(value), expanded, tolerance, more_acts=more_acts, upper_bound=bound)
         unit = before.get(figure, "m") if row is None else row["unit"]
         judged.append(Judged(figure, unit, value, expanded, tolerance, proven))
     return FleetMachine(name, serial_number, tuple(runs), tuple(judged), history)

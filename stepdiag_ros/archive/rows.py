@@ -15,19 +15,20 @@ from stepdiag_ros.bags.folder import open_bag
 from stepdiag_ros.bags.header import PARAMETERS
 from stepdiag_ros.bags.run import RecordedRun, load_run
 from stepdiag_ros.bags.runs import FoundRun, runs_in
+from stepdiag_ros.evaluation.budget import with_budget
 from stepdiag_ros.evaluation.compensation import ANY_DATE
 from stepdiag_ros.evaluation.diagnosing import verdict_and_effects
 from stepdiag_ros.evaluation.history import machine_facts
 from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.recorded_run import measurement_of, report_of_run
 from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.evaluation.single_errors import expanded_of_figure
 from stepdiag_ros.evaluation.solving import solve_run
 from stepdiag_ros.metrology.discrepancy.summary import FoundEffect, Verdict
 from stepdiag_ros.metrology.geometry import curve_unit
 from stepdiag_ros.metrology.measurement import Environment, Measurement
 from stepdiag_ros.metrology.standards.axis_test import all_runs
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest, evaluate
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.text.intake import parse_yaml
 from stepdiag_ros.text.sentence import sentence
 
@@ -154,6 +155,9 @@ def _add(
             method=None if preferred is None else preferred.method,
             largest_m=None if lead.volume is None else _known(lead.volume.value),
             largest_expanded_uncertainty_m=_known(lead.expanded_uncertainty),
+            largest_upper_bound_m=None
+            if lead.volume is None
+            else _known(lead.volume.upper_bound(lead.expanded_uncertainty)),
             verdict=verdict.name,
             verdict_sentence=verdict.sentence,
             effects=verdict.effects,
@@ -181,7 +185,7 @@ def _evaluated(
         tests = [evaluate(one) for one in all_runs(measurement)]
     except ValueError:  # passes that are no repetitions of each other
         tests = []
-    return replace(report, verdict=verdict), tests, effects
+    return with_budget(replace(report, verdict=verdict)), tests, effects
 
 
 def _evaluated_tracker(recorded: RecordedRun) -> tuple[Report, Sequence[PositioningTest]]:
@@ -220,7 +224,7 @@ def _figures(
                 one.name,
                 one.unit,
                 one.value,
-                COVERAGE_FACTOR * one.standard_uncertainty,
+                expanded_of_figure(one, report.budget if result is preferred else None).value,
                 standard_uncertainty=one.standard_uncertainty,
                 relied_on=result.method == best,
             )

@@ -344,7 +344,7 @@ def _tables_before(chosen: "Control", folder: Path | None) -> "TableSet":
         return TableSet(())
     if not folder.is_dir():
         raise ValueError(f"--on-top-of {folder}: there is no such folder")
-    suffixes = (".comp", ".ini", ".INI", ".COM", ".CMA", ".TXT", ".txt")
+    suffixes = (".comp", ".ini", ".INI", ".COM", ".CMA", ".TXT", ".txt", ".json")
     files = {
         path.name: read_text(path) for path in folder.iterdir() if path.name.endswith(suffixes)
     }

@@ -172,7 +172,7 @@ def cell_nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]
     if arguments.correction is not None:
         correction = str(arguments.correction.resolve())
         # What is not a map is refused here; how large a correction may be, the bridge judges.
-        correction_from_file(arguments.correction, math.inf)
+        correction_from_file(arguments.correction, math.inf, model)
     folder = (arguments.output or RESULTS).resolve()
     try_folder(folder)
     nodes = simulated_cell(

@@ -22,6 +22,7 @@ from stepdiag_ros.compensation.identified import Identified, Origin, known_numbe
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.geometry import AXES, REFERENCE_POINT, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.learned_displacement import LearnedDisplacement
+from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.target_correction import target_for
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
@@ -240,15 +241,19 @@ def _learned(document: Mapping[str, Any]) -> dict[str, Any]:
     return {"learned": made, "learned_covariance": np.array(rows)}
 
 
-def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
+def correction_from_file(
+    path: Path, limit: float, machine: Machine | None = None
+) -> "TargetCorrection":
     """Return the correction of targets by the map in a file.
 
     Args:
         path: of the file, a document of the schema ``volumetric_map``.
         limit: largest correction of an axis, m.
+        machine: that is to be corrected; None: any.
 
     Raises:
-        ValueError: the file cannot be read, is not a map, or contains no error.
+        ValueError: the file cannot be read, is not a map, contains no error, or is of another
+            machine.
     """
     from stepdiag_ros.run.target_correction import TargetCorrection
 
@@ -268,6 +273,9 @@ def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
             fault="undetermined",
         )
     origin = identified.origin
+    if machine is not None:
+        _refuse_other(path, "chain", identified.error_map.chain, machine.chain)
+        _refuse_other(path, "name", origin.machine, machine.name)
     return TargetCorrection(
         error_map=identified.error_map,
         limit=limit,
@@ -275,6 +283,16 @@ def correction_from_file(path: Path, limit: float) -> "TargetCorrection":
         sha256=hashlib.sha256(data).hexdigest(),
         made_from=" ".join(part for part in (origin.file, origin.run_id) if part),
     )
+
+
+def _refuse_other(path: Path, what: str, of_map: str, of_machine: str) -> None:
+    if of_map and of_machine and of_map != of_machine:
+        raise Refusal(
+            f"{path} is of another machine: its {what} is '{of_map}', that of the machine file"
+            f" '{of_machine}'; no target is corrected by it",
+            fault="mismatch",
+            aspect=what,
+        )
 
 
 def _beside_curves(error_map: VolumetricMap) -> str:

@@ -80,6 +80,8 @@ class Remainder:
         known: how many of them have a known error.
         rms_uncertainty: rms over the volume of the standard uncertainty of the error vectors, m:
             below this no error can be compensated; NaN where not known.
+        largest_uncertainty: standard uncertainty of the error vector that is known least well, in
+            the direction in which that is so, m; NaN where not known.
     """
 
     axes: tuple[AxisRemainder, AxisRemainder, AxisRemainder]
@@ -87,6 +89,7 @@ class Remainder:
     places: int
     known: int
     rms_uncertainty: float
+    largest_uncertainty: float = nan
 
     def change(self, name: str) -> BeforeAndAfter:
         """Return the figure of that name.
@@ -145,7 +148,13 @@ def remainder(identified: Identified, applied: Applied, corrects: tuple[str, ...
         places=len(places),
         known=int(np.count_nonzero(np.all(np.isfinite(bare[0]), axis=1))),
         rms_uncertainty=_rms(spread[None]),
+        largest_uncertainty=_largest_uncertainty(identified.error_map.covariance_at(some)),
     )
+
+
+def _largest_uncertainty(covariance: Vector) -> float:
+    known = covariance[np.all(np.isfinite(covariance), axis=(1, 2))]
+    return float(np.sqrt(np.max(np.linalg.eigvalsh(known)))) if len(known) else nan
 
 
 def _errors(identified: Identified, wanted: Vector, sent: Vector, forward: bool) -> Vector:

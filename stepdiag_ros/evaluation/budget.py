@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.uncertainty.largest_error import (
     budget_of_largest_error,
 )
 from stepdiag_ros.metrology.uncertainty.monte_carlo import BudgetCheck
-from stepdiag_ros.metrology.uncertainty.source import ANGULAR
+from stepdiag_ros.metrology.uncertainty.source import ANGULAR, MATERIAL
 
 NOTHING_STATED = Instrument()
 """Laser, air and setup of which nobody stated anything."""
@@ -142,6 +142,12 @@ def shown_rotations(budget: Budget | None, expected: float) -> float:
     sources = () if budget is None else budget.sources
     sizes = [one.standard_uncertainty for one in sources if one.group == ANGULAR]
     return next((size for size in sizes if size > expected), nan)
+
+
+def lacks_material(budget: Budget | None) -> bool:
+    """Say whether readings were corrected to 20 °C and nobody stated how well that is known."""
+    sources = () if budget is None else budget.sources
+    return any(one.group == MATERIAL and not one.known for one in sources)
 
 
 def is_lower_bound(budget: Budget | None) -> bool:

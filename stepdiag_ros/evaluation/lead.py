@@ -16,6 +16,7 @@ from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.evaluation.budget import (
     is_lower_bound,
+    lacks_material,
     shown_rotations,
     uncertainty_of_largest,
 )
@@ -58,6 +59,7 @@ class RunLead:
         expanded_uncertainty_of_readings: U of the readings alone (95 %), m; NaN if not known.
         budgeted: an uncertainty budget is in the uncertainties.
         lower_bound: a source that acts is not known: uncertainties are lower bounds.
+        material: errors were corrected to 20 °C, and nothing was stated of how well that is known.
         plausible: sizes of rotations and of the laser's scale that uncertainties contain.
         rotation_stated: somebody stated that of rotations; if not, it is assumed.
         rotation_shown: how large the readings show rotations where that is more, rad; NaN if not.
@@ -89,6 +91,7 @@ class RunLead:
     expanded_uncertainty_of_readings: float = math.nan
     budgeted: bool = False
     lower_bound: bool = True
+    material: bool = False
     plausible: Plausible = ORDINARY
     rotation_stated: bool = False
     rotation_shown: float = math.nan
@@ -195,6 +198,7 @@ def _sureness(report: Report, accuracy: VolumetricAccuracy | None) -> dict[str, 
     fields: dict[str, Any] = {
         "budgeted": report.budget is not None,
         "lower_bound": is_lower_bound(report.budget),
+        "material": lacks_material(report.budget),
         "plausible": report.plausible,
         "rotation_stated": report.rotation_stated,
         "rotation_shown": shown_rotations(report.budget, report.plausible.rotation),

@@ -116,7 +116,7 @@ def _report_of_run(
         chain=recorded.chain,
         run_software_version=recorded.software_version,
         simulated=True if recorded.simulated_cell else None,
-        truth=_truth(recorded, measurement, truth),
+        truth=_truth(recorded, measurement, truth, corrected=bool(corrections)),
         bag=recorded.path,
         with_visibility=with_visibility and VISIBILITY not in left_out(blocks),
         recorded=() if corrections or air or direct or rotation is not None else recorded.results,
@@ -217,7 +217,13 @@ def diagnosed(recorded: RecordedRun) -> tuple[str, ...]:
     return (f"diagnosis beside the run, {cut}{last.words} More: stepdiag diagnose BAG",)
 
 
-def _truth(recorded: RecordedRun, measurement: Measurement, given: Path | None) -> Truth | None:
+def _truth(
+    recorded: RecordedRun, measurement: Measurement, given: Path | None, *, corrected: bool
+) -> Truth | None:
+    """Return the true errors; None where they are not known.
+
+    Those of a simulated cell are not what corrected targets leave, or what is corrected to 20 °C.
+    """
     lines = [line.line.name for line in measurement.lines]
     if given is not None:
         curves = read_yaml(given)
@@ -227,7 +233,7 @@ def _truth(recorded: RecordedRun, measurement: Measurement, given: Path | None) 
             return truth_from_curves(curves, measurement.volume, lines)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{given}: {error}") from None
-    if not recorded.cell_text:
+    if not recorded.cell_text or corrected or _target_corrections(recorded):
         return None
     cell = cell_from_text(recorded.cell_text, f"{recorded.path}: simulated cell")
     return truth_of(cell, measurement.volume, lines)

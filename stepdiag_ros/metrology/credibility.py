@@ -57,8 +57,9 @@ def is_noise(result: VolumetricErrors) -> bool:
     """Say whether all errors may be zero: by χ² of all values, and by the largest, each p > 0.05.
 
     The largest of many values is never zero, and a range never negative: of a machine without
-    errors noise alone makes both, larger than their uncertainty. Where the covariance is not known
-    (a recorded result) nothing counts as noise.
+    errors noise alone makes both, larger than their uncertainty. The displacements over the
+    diagonals count among the values: rotations show there that are in no curve. Where the
+    covariance is not known (a recorded result) nothing counts as noise.
     """
     if not result.covariance.size:
         return False
@@ -70,6 +71,11 @@ def is_noise(result: VolumetricErrors) -> bool:
         return False
     from scipy.special import erfc
 
-    largest = float(np.max(np.abs(values[used]) / spread[used]))
-    chance = -np.expm1(np.count_nonzero(used) * np.log1p(-erfc(largest / np.sqrt(2.0))))
+    diagonals = [
+        abs(one.value) / one.standard_uncertainty
+        for one in result.figures
+        if one.name.startswith("diagonal") and one.standard_uncertainty > FIXED
+    ]
+    ratios = np.array([*(np.abs(values[used]) / spread[used]), *diagonals])
+    chance = -np.expm1(len(ratios) * np.log1p(-erfc(np.max(ratios) / np.sqrt(2.0))))
     return bool(chance > SIGNIFICANT)

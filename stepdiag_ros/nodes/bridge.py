@@ -331,7 +331,8 @@ class BridgeNode(DeviceNode[CncDevice]):
         # Slow to import, and needed only here.
         from stepdiag_ros.compensation.generic import correction_from_file
 
-        return correction_from_file(Path(file), self.parameter("correction_limit"))
+        limit = self.parameter("correction_limit")
+        return correction_from_file(Path(file), limit, self._machine)
 
     def _set_correction(self, correction: "TargetCorrection | None") -> None:
         if correction is not None:

@@ -122,9 +122,12 @@ def coverage_sentences(lead: RunLead) -> list[str]:
     if isfinite(lead.expanded_uncertainty_of_readings) and not lead.noise:
         size = with_uncertainty(0.0, lead.expanded_uncertainty_of_readings * IN_MICRO)[1]
         alone = f", {size} µm for the largest error"
+    what = "laser, air and setup"
+    if lead.material:
+        what = "expansion coefficient, material temperature, laser, air and setup"
     bound = (
-        " Of laser, air and setup nothing was stated, so that U does not contain them and is a"
-        " lower bound: stepdiag report --instrument FILE."
+        f" Of {what} nothing was stated, so that U does not contain them and is a lower bound:"
+        f" stepdiag {'budget' if lead.material else 'report'} --instrument FILE."
     )
     return [
         f"± (95 %): U by the uncertainty budget, as in stepdiag report, or of the readings where"

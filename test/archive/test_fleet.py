@@ -52,6 +52,15 @@ def test_the_newest_run_alone_is_judged_with_its_uncertainty(
     assert (judged.name, judged.value, judged.expanded) == ("C0Y", size, pytest.approx(2e-7))
 
 
+@pytest.mark.parametrize(("bound", "wanted"), [(9.9e-6, "WITHIN"), (10.1e-6, "UNDECIDED")])
+def test_the_largest_error_is_within_a_limit_if_it_is_so_at_every_place(folder, bound, wanted):
+    made = run(1, "mill", 3, 9.0e-6, largest_upper_bound_m=bound)
+    object.__setattr__(made.figures[0], "name", "largest in volume")
+    written(folder, made)
+    state(folder, "tolerances: {largest in volume: 1.0e-5}\n")
+    assert read(folder)["mill"].state is Conformity[wanted]
+
+
 def test_an_archive_of_an_earlier_version_lacks_columns(folder):
     from pyarrow import parquet
 

@@ -15,6 +15,7 @@ from stepdiag_ros import cli, schemas
 from stepdiag_ros.commands import compensate
 from stepdiag_ros.compensation import control, controls, identified
 from stepdiag_ros.compensation.generic import correction_from_file, map_from_text
+from stepdiag_ros.configuration import load_machine
 from stepdiag_ros.evaluation import recorded_run
 from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.metrology.credibility import Misfit
@@ -234,6 +235,32 @@ def test_a_document_that_is_no_result_is_refused(capsys, tmp_path, text, words):
     path.write_text(text)
     code, _, err = stepdiag(capsys, "compensate", path, "--for", "generic")
     assert code == 1 and words in err
+
+
+def test_a_map_of_another_machine_moves_nothing(capsys, tmp_path, bag):
+    folder = tmp_path / "map"
+    given = ("compensate", bag, "--for", "generic", "--output", folder, "--pictures", "none")
+    assert stepdiag(capsys, *given)[0] == 0
+    path = folder / "volumetric_map.json"
+    document = json.loads(path.read_text())
+    own = replace(load_machine("demo")[0], chain=document["chain"])
+    document["origin"]["machine"] = own.name
+    path.write_text(json.dumps(document))
+    assert correction_from_file(path, 0.2e-3, own).limit == 0.2e-3
+    for what, other in (
+        ("chain", replace(own, chain=own.chain[::-1])),
+        ("name", replace(own, name="x")),
+    ):
+        with refused(Refusal, "mismatch", aspect=what):
+            correction_from_file(path, 0.2e-3, other)
+
+
+def test_a_map_has_no_tables_to_stand_on(capsys, tmp_path, bag):
+    folder = tmp_path / "map"
+    given = ("compensate", bag, "--for", "generic", "--pictures", "none", "--output")
+    assert stepdiag(capsys, *given, folder)[0] == 0
+    code, _, err = stepdiag(capsys, *given, tmp_path / "more", "--on-top-of", folder)
+    assert code == 1 and "map" in err and not (tmp_path / "more").exists()
 
 
 @pytest.mark.parametrize(

@@ -130,3 +130,13 @@ def test_one_value_far_off_is_no_noise(perfect):
 def test_a_result_without_covariance_is_never_called_noise(perfect):
     _, result = perfect[0]
     assert not is_noise(replace(result, covariance=np.empty((0, 0))))
+
+
+def test_a_diagonal_that_stands_out_is_no_noise(perfect):
+    """Rotations show over the diagonals, and in no curve."""
+    result = next(result for _, result in perfect if is_noise(result))
+    figures = tuple(
+        replace(one, value=8.0 * one.standard_uncertainty) if one.name == "diagonal ppp" else one
+        for one in result.figures
+    )
+    assert not is_noise(replace(result, figures=figures))

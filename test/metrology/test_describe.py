@@ -111,7 +111,10 @@ def test_a_gap_without_a_name_is_described_by_what_it_depends_on(shape, acts_on,
     assert diagnosis.verdict == DESCRIBED
     first = diagnosis.description.dependences[0]
     assert (first.acts_on, {*first.drivers}) == (acts_on, drivers)
-    assert first.p_value < 1e-6 and first.probability > 0.5
+    # A creep of this plan may as well be lost motion that changes with time: that is stated beside.
+    likely = 0.3 if shape is creeping else 0.5
+    assert first.p_value < 1e-6 and first.probability > likely
+    assert (first.rivals != ()) == (shape is creeping)
     assert diagnosis.lack_of_fit_p_after > 0.002
     name = ROTATION.name if acts_on in ROTATIONS else LEARNED.name
     assert [one.candidate.effect.name for one in diagnosis.findings] == [name] * sum(

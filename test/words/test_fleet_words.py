@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from datetime import datetime, timezone
+from math import nan
 
 import pytest
 
@@ -19,7 +20,7 @@ from stepdiag_ros.words.fleet import (
 )
 
 DAY = datetime(2026, 1, 1, tzinfo=timezone.utc)
-RUN = FleetRun("r", DAY, "CONSISTENT", False, 1e-6, 1e-7, "", "0" * 64, "", "", True, False)
+RUN = FleetRun("r", DAY, "CONSISTENT", False, 1e-6, 1e-7, nan, "", "0" * 64, "", "", True, False)
 
 
 def machine(history=None, **states):

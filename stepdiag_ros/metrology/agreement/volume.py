@@ -24,9 +24,11 @@ Volumes = tuple[FigureChange, FigureChange, PlaceChange | None, Vector, tuple[fl
 def volume_changes(both: ResultPair) -> Volumes:
     """Return what changed in the volume.
 
-    The uncertainty of the rms and of a length is to first order, with the covariance of the curves
-    (JCGM 100:2008, 5.2); that another place may be the worst is not in it. All is NaN where a curve
-    is not determined at a node, since the worst place may then be anywhere.
+    The uncertainty of the rms and of a length is that to first order, with the covariance of the
+    curves (JCGM 100:2008, 5.2), and what the uncertainty of the vectors adds to a length on
+    average, √(v² + s²) - v: near zero a length has no first order. That another place may be the
+    worst is not in it. All is NaN where a curve is not determined at a node, since the worst place
+    may then be anywhere.
 
     Args:
         both: the two on their common nodes.
@@ -59,10 +61,16 @@ def volume_changes(both: ResultPair) -> Volumes:
     worst_sums = [_length_sum(one) for one in found]
     noise = [_rms_noise(one, spread_places) for one in maps]
     figures = [
-        _changed(name, values, both, maps, sums)
-        for name, values, sums in (
-            (RMS, (found[0].rms, found[1].rms), rms_sums),
-            (WORST, (found[0].value, found[1].value), worst_sums),
+        _changed(name, values, both, maps, sums, sizes)
+        for name, values, sums, sizes in (
+            (RMS, (found[0].rms, found[1].rms), rms_sums, noise),
+            (
+                *(WORST, (found[0].value, found[1].value), worst_sums),
+                [
+                    _rms_noise(one, places)
+                    for one, (places, _) in zip(maps, worst_sums, strict=True)
+                ],
+            ),
         )
     ]
     return (
@@ -80,6 +88,7 @@ def _changed(
     both: ResultPair,
     maps: list[VolumetricMap],
     sums: list[tuple[Vector, Vector]],
+    sizes: list[float],
 ) -> FigureChange:
     """Return the change of a figure of which both derivatives by the error vectors are known.
 
@@ -89,6 +98,7 @@ def _changed(
         both: the two results.
         maps: of them.
         sums: places, m, and the derivative by the error vector at each, shape (n, 3), of both.
+        sizes: rms standard uncertainty of the error vectors at these places, m, of both.
     """
     slopes = [
         np.einsum("ni,nij->j", along, one.sensitivities(places)[0])
@@ -103,10 +113,15 @@ def _changed(
         # Rotations that no reading shows are the same in both: only what they do differs.
         differs = (math.sqrt(abs(before)) - math.sqrt(abs(after))) ** 2
         shared += 0.5 * (before + after - differs)
-    spreads = (
+    first_order = (
         _spread(slopes[0], both.before, before),
         _spread(slopes[1], both.after, after),
     )
+    spread_before, spread_after = (
+        math.hypot(spread, math.hypot(value, size) - value)
+        for spread, value, size in zip(first_order, values, sizes, strict=True)
+    )
+    spreads = (spread_before, spread_after)
     return FigureChange.of(name, "m", values, spreads, shared)
 
 

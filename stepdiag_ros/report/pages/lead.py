@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.evaluation.budget import shown_rotations
+from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.evaluation.positioning import PositioningReport
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -19,6 +20,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
 from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.metrology.standards.conformity import Conformity, conformity
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.uncertainty.source import ANGULAR
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.material import Material
@@ -420,26 +422,41 @@ def what_to_do(material: Material, judged: ToleranceJudgement) -> list[str]:
     elif material.compensation is not None and material.compensation.identified.warning:
         said.append(f"do not compensate by this run: {material.compensation.identified.warning}.")
     elif material.compensation is not None and (not said or run.verdict.contained):
-        change = material.compensation.remainder.change("volume, largest")
-        if change.after < change.before:
-            expanded = judged.expanded_uncertainty
-            (before, within), (after, _) = (
-                with_uncertainty(one * IN_MICRO, expanded * IN_MICRO)
-                for one in (change.before, change.after)
-            )
-            reached = f"{after} µm"
-            if change.after < expanded:
-                least = "at least " if judged.lower_bound else ""
-                reached = f"within its uncertainty of {least}{within} µm"
-            said.append(
-                f"compensation could bring the largest error in the volume, with reversal, from"
-                f" {before} µm to {reached}. Measure again after it."
-            )
+        said += _compensated(material, material.compensation, judged)
     if judged.verdict == OPEN and math.isfinite(judged.value) and not judged.more_acts:
         said.append(f"reduce the uncertainty{_by_its_largest_source(material)}.")
     if not said:
         said.append("nothing by these figures.")
     return said
+
+
+def _compensated(
+    material: Material, made: CompensationReport, judged: ToleranceJudgement
+) -> list[str]:
+    """Say what the tables could bring the largest error to; nothing where they do not help.
+
+    What they leave is uncertain everywhere, and most where the error is known least well.
+    """
+    change = made.remainder.change("volume, largest")
+    if not change.after < change.before:
+        return []
+    before, after = (
+        with_uncertainty(one * IN_MICRO, judged.expanded_uncertainty * IN_MICRO)[0]
+        for one in (change.before, change.after)
+    )
+    reached = f"{after} µm"
+    own = 0.0 if material.accuracy is None else material.accuracy.standard_uncertainty
+    wide = COVERAGE_FACTOR * made.remainder.largest_uncertainty
+    if own > 0.0 and math.isfinite(wide):
+        # In the same proportion as U of the largest error.
+        wide *= max(judged.expanded_uncertainty / (COVERAGE_FACTOR * own), 1.0)
+        most = two_digits((change.after + wide) * IN_MICRO)
+        known = ", as far as the uncertainty is known" if judged.lower_bound else ""
+        reached += f", with its uncertainty to {most} µm at most (95 %{known})"
+    return [
+        f"tables for {made.control.title} could bring the largest error in the volume, with"
+        f" reversal, from {before} µm to {reached}. Measure again after it."
+    ]
 
 
 def _which(finding: Finding) -> str:

@@ -508,10 +508,10 @@ def _determined(report: Report, lead: RunLead) -> list[str]:
     by = method_title(preferred.method)
     said = [f"Determined, by {by}: {', '.join(names)}."] if names else []
     if report.truth is not None:
-        inside = _inside(compare_with_truth(preferred, report.truth))
+        found = compare_with_truth(preferred, report.truth)
         said.append(
-            f"Values whose {OF_READINGS} contains the simulated true error: {inside} (expected:"
-            f" 95 %{_why_not_so_many(report, report.truth)})."
+            f"Values whose {OF_READINGS} contains the simulated true error: {_inside(found)}"
+            f" (expected: 95 %{_why_not_so_many(report, report.truth, found)})."
         )
         true = true_largest(report.truth, report.chain)
         said.append(
@@ -521,10 +521,11 @@ def _determined(report: Report, lead: RunLead) -> list[str]:
     return said
 
 
-def _why_not_so_many(report: Report, truth: Truth) -> str:
-    """Say why more or fewer true values than expected may be within their uncertainty."""
-    if report.verdict.effects and not report.verdict.contained:
+def _why_not_so_many(report: Report, truth: Truth, found: TruthComparison) -> str:
+    """Say why more or fewer true values than expected are within their uncertainty."""
+    fewer = found.points_inside < 0.95 * found.points_with_uncertainty
+    if fewer and report.verdict.effects and not report.verdict.contained:
         return "; fewer, because an effect acts that these curves do not contain"
-    if not any(np.any(truth.curves.get(name, 0.0)) for name in ROTATIONS):
+    if not fewer and not any(np.any(truth.curves.get(name, 0.0)) for name in ROTATIONS):
         return "; more, because ± contains rotations, and this machine has none"
     return ""

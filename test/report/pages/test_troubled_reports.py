@@ -136,7 +136,7 @@ def test_a_described_run_says_on_what_the_gap_depends_and_by_what_formula(descri
 def test_tables_of_a_run_with_an_unknown_cause_are_not_to_be_installed(run, request):
     told, _ = request.getfixturevalue(run)
     assert "Do not install these tables: the run shows something" in told.text
-    assert "compensation could bring" not in told.text
+    assert "could bring the largest error" not in told.text
 
 
 def test_an_ambiguous_run_says_between_what_it_cannot_choose_and_what_would_tell(ambiguous):
