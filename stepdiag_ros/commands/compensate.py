@@ -320,6 +320,7 @@ def _header(identified: "Identified") -> tuple[str, ...]:
     return (
         f"written {written} by stepdiag_ros {__version__}, not installed by it",
         *identified.origin.lines(),
+        *([f"do not install this: {identified.warning}"] if identified.warning else []),
     )
 
 

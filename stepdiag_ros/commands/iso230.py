@@ -1,15 +1,19 @@
 """``stepdiag iso230``: positioning of axes (ISO 230-2) and along diagonals (ISO 230-6)."""
 
 from argparse import ArgumentParser, Namespace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
+from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.output import progress_bar, warn_of_flaws
 from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
+from stepdiag_ros.text.intake import refusals_of
 
 if TYPE_CHECKING:
     from stepdiag_ros.evaluation.positioning import PositioningReport, Published
+    from stepdiag_ros.evaluation.recorded_run import Correct
     from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 
 _FORM = """\
@@ -33,6 +37,7 @@ a table is CSV, one row a reading:
 examples:
   stepdiag iso230 run.mcap                              every test in the bag
   stepdiag iso230 run.mcap --pictures pdf               pages for print
+  stepdiag iso230 run.mcap --expansion-per-K 11.5e-6    corrected to 20 °C
   stepdiag iso230 axis.csv --axis X --json              from a table
   stepdiag iso230 axis.csv --published their_report.yaml"""
 _UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
@@ -51,6 +56,7 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--published", type=Path, metavar="FILE", help="figures to compare with, see below"
     )
+    add_correction_options(parser)
     add_output_options(parser, "NAME_iso230 beside the source")
 
 
@@ -60,12 +66,18 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.documents.positioning import positioning_json
     from stepdiag_ros.report.tables.positioning import print_positioning
 
+    if arguments.expansion is not None and not is_bag(arguments.bag):
+        raise ValueError(
+            f"{arguments.bag}: --expansion-per-K needs a bag, since a table has no temperature of"
+            " the material"
+        )
     report = report_of(
         arguments.bag,
         arguments.axis,
         arguments.uncertainty,
         arguments.published,
         arguments.run_id,
+        partial(corrected, arguments=arguments),
     )
     return show(
         "iso230",
@@ -83,6 +95,7 @@ def report_of(
     uncertainty: Path | None = None,
     published: Path | None = None,
     run_id: str | None = None,
+    correct: "Correct | None" = None,
 ) -> "PositioningReport":
     """Evaluate all tests in a bag or the one in a table.
 
@@ -92,6 +105,7 @@ def report_of(
         uncertainty: file that describes the measuring conditions.
         published: file of figures to compare with.
         run_id: which run, where a bag holds several.
+        correct: see ``positioning_of``; the readings of a table have no temperature.
 
     Raises:
         ValueError: a file cannot be read, or there is no test in it; one sentence.
@@ -109,7 +123,8 @@ def report_of(
             recorded = load_run(source, run_id)
         warn_of_flaws(recorded)
         require_standing_beam(recorded)
-        return positioning_of(recorded, description, figures)
+        with refusals_of(source):
+            return positioning_of(recorded, description, figures, correct)
     from stepdiag_ros.bags.axis_table import read_axis_table
 
     return PositioningReport(

@@ -21,6 +21,7 @@ from stepdiag_ros.metrology.standards.positioning_uncertainty import Uncertainty
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.run import RecordedRun
+    from stepdiag_ros.evaluation.recorded_run import Correct
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,7 @@ class PositioningReport:
         published: figures to compare with; None if there are none.
         equals_recorded: setup → whether the test equals the one in the bag bit for bit; tests
             without a recorded one are not there.
+        corrected: how the readings were corrected to 20 °C, in words; empty if they were not.
     """
 
     tests: tuple[PositioningTest, ...]
@@ -91,6 +93,7 @@ class PositioningReport:
     unknown: tuple[str, ...] = ()
     published: Published | None = None
     equals_recorded: Mapping[str, bool] = field(default_factory=dict)
+    corrected: tuple[str, ...] = ()
 
     @property
     def groups(self) -> tuple[DiagonalGroup, ...]:
@@ -99,10 +102,10 @@ class PositioningReport:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Return the warning that belongs to diagonals, if there are any."""
+        """Return what belongs to corrected readings and to diagonals, if there are any."""
         if any(is_diagonal(test.kind) for test in self.tests):
-            return (volumetric_warning(self.tests),)
-        return ()
+            return (*self.corrected, volumetric_warning(self.tests))
+        return self.corrected
 
 
 def tests_alone(measurement: Measurement) -> bool:
@@ -139,6 +142,7 @@ def positioning_of(
     recorded: "RecordedRun",
     description: UncertaintyDescription | None = None,
     published: Published | None = None,
+    correct: "Correct | None" = None,
 ) -> PositioningReport:
     """Evaluate all tests in a recorded run.
 
@@ -146,12 +150,15 @@ def positioning_of(
         recorded: the run.
         description: what is known of the measuring conditions.
         published: figures to compare with.
+        correct: returns lines corrected, and in words how; None to leave them as they are.
 
     Raises:
         ValueError: no line of it is complete, or runs of one setup have different targets.
     """
     known = description or UncertaintyDescription()
-    runs = all_runs(recorded.measurement)
+    measured = recorded.measurement
+    measurement, corrected = (measured, ()) if correct is None else correct(measured)
+    runs = all_runs(measurement)
     if not runs:
         raise ValueError(
             f"{recorded.path}: no line of it is complete, so there is nothing to evaluate"
@@ -166,8 +173,9 @@ def positioning_of(
         equals_recorded={
             one.setup: same_test(evaluate(one), last[key])
             for one in runs
-            if (key := (one.setup, one.kind, one.name)) in last
+            if (key := (one.setup, one.kind, one.name)) in last and not corrected
         },
+        corrected=corrected,
     )
 
 

@@ -331,9 +331,21 @@ def _about_the_result(one: Identified) -> list[str]:
     ]
 
 
+def _machines(report: ChangesReport) -> list[str]:
+    """Ask whether it is one machine, where the two have different names."""
+    before, after = report.before.origin.machine, report.after.origin.machine
+    if not before or not after or before == after:
+        return []
+    return [
+        f"The machines are called '{before}' and '{after}'. If they are not the same one, nothing"
+        " here is a change."
+    ]
+
+
 def sentences_of(report: ChangesReport) -> list[str]:
     """Return what a reader must know first: the volume, all together, what changed, where."""
     return [
+        *_machines(report),
         verdict(report.changes).sentence,
         *filter(None, [joint_words(report.changes)]),
         *changed_words(report.changes),
@@ -344,12 +356,7 @@ def sentences_of(report: ChangesReport) -> list[str]:
 
 def remarks_of(report: ChangesReport) -> list[str]:
     """Return what a reader must know beside, each with the measurement that it is about."""
-    machines = [one.origin.machine for one in (report.before, report.after)]
     said = [*report.changes.remarks]
-    if all(machines) and machines[0] != machines[1]:
-        said.append(
-            f"the machines are called '{machines[0]}' and '{machines[1]}': are they the same?"
-        )
     told = [_about_the_result(one) for one in (report.before, report.after)]
     said += [f"both: {remark}" for remark in told[0] if remark in told[1]]
     said += [f"before: {remark}" for remark in told[0] if remark not in told[1]]

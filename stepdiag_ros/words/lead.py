@@ -44,6 +44,7 @@ _NOT_JUDGED = (
     "to hand over; the machine is not judged yet: --tolerance UM judges it",
 )
 _ISO_230 = ("iso230 {}", "the parameters of ISO 230-2, and the deviations at every target")
+_ISO_230_AT_20 = "iso230 {} --expansion-per-K COEFFICIENT"
 _SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
 _MONITOR = ("monitor {}", "the run again, in the browser")
 _TESTED = {
@@ -161,11 +162,12 @@ def next_steps(lead: RunLead) -> list[NextStep]:
     if lead.bag is None:
         return []
     more_acts = lead.more_acts
-    named: list[tuple[str, str]] = [*_complete_first(lead), _ISO_230, _REPORT]
+    iso_230 = (_ISO_230_AT_20, _ISO_230[1]) if lead.material else _ISO_230
+    named: list[tuple[str, str]] = [*_complete_first(lead), iso_230, _REPORT]
     if not lead.uneven:
         named = [
             *_complete_first(lead),
-            *([] if lead.positioning is None else [_ISO_230]),
+            *([] if lead.positioning is None else [iso_230]),
             *([_SOLVE] if lead.solved is None else []),
             *(_after_verdict(lead) if more_acts else []),
             *_for_unknown(lead),
