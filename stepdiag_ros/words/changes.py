@@ -101,9 +101,9 @@ def verdict(changes: MachineChanges) -> ChangesVerdict:
         return ChangesVerdict(
             BETTER,
             f"At least {least} times better",
-            f"{went} (E_n = {plain(value)}). What is left is less than twice the rms standard"
-            f" uncertainty of the error vectors in the volume ({plain(limit * IN_MICRO, 3)} µm), so"
-            f" it may be no error at all: at least {least} times better.",
+            f"{went} (E_n = {plain(value)}). What is left in the curves is less than"
+            f" {plain(limit * IN_MICRO, 3)} µm, twice the rms standard uncertainty of the error"
+            f" vectors in the volume: at least {least} times better.",
         )
     better = value < 0.0
     factor = ratio(rms.factor if better else 1.0 / rms.factor)

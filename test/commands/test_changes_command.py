@@ -190,7 +190,7 @@ def test_what_is_left_may_be_nothing(tmp_path, monkeypatch, before):
     assert found.kind == "better" and found.headline.startswith("At least ")
     # Each error vector is uncertain by more than what is left; how uncertain the rms is differs.
     assert changes.rms.after < 2.0 * changes.rms_noise[1]
-    assert f"({2.0 * changes.rms_noise[1] * IN_MICRO:.3f} µm)" in found.sentence
+    assert f"{2.0 * changes.rms_noise[1] * IN_MICRO:.3f} µm" in found.sentence
 
 
 def test_the_text_writes_every_figure_with_its_uncertainty(report):
