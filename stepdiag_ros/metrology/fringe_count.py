@@ -69,8 +69,9 @@ class CountCheck:
         self._readings: deque[tuple[int, float]] = deque(maxlen=MOST_PENDING)
         self._last: tuple[int, float] | None = None
         self._standing: _Standing | None = None
-        # Axis → by how much the displacement differs from its way along the beam, m/m.
-        self._slopes: dict[int, float] = {}
+        # Axis → by how much the displacement differs from its way along the beam, m/m, and the
+        # length of the way that shows it, m.
+        self._slopes: dict[int, tuple[float, float]] = {}
         self._since = 0
         self.trouble = ""
 
@@ -194,11 +195,13 @@ class CountCheck:
         axis = int(np.argmax(np.abs(way)))
         along_axis = length > LEAST_WAY and length - abs(way[axis]) <= STILL
         if along_axis and isinstance(self._beam, FixedBeam):
-            if axis in self._slopes:
-                expected += self._slopes[axis] * float(way[axis])
-                allowed = 2.0 * FLOOR + ROUGHNESS * length
-            else:
-                self._slopes[axis] = (found - expected) / float(way[axis])
+            slope, shown_by = self._slopes.get(axis, (0.0, 0.0))
+            if length > shown_by:
+                self._slopes[axis] = (found - expected) / float(way[axis]), length
+            # A short way, such as an overrun, shows the slope of a long one badly.
+            known = FLOOR + FLOOR * max(length / shown_by, 1.0) if shown_by else np.inf
+            if known + ROUGHNESS * length < allowed:
+                return expected + slope * float(way[axis]), known + ROUGHNESS * length
         return expected, allowed
 
     def _around(self, start: int, end: int) -> list[_Position]:

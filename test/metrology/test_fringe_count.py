@@ -26,9 +26,18 @@ def course(steps=6, step=0.02, feed=0.03, rest=0.4):
     return knots
 
 
-def measured(slip=0.0, at=1e9, tilt=(0.0, 0.0, 0.0), offset=0.0, noise=0.2e-6, lost=(), every=2):
+def measured(
+    slip=0.0,
+    at=1e9,
+    tilt=(0.0, 0.0, 0.0),
+    offset=0.0,
+    noise=0.2e-6,
+    lost=(),
+    every=2,
+    knots=None,
+):
     """Feed a check with a whole course; return what it says, and at which time it said so first."""
-    knots = course()
+    knots = course() if knots is None else knots
     times = np.array([time for time, _ in knots])
     places = np.array([place for _, place in knots])
     random = np.random.default_rng(5)
@@ -87,6 +96,19 @@ def test_a_jump_in_a_move_is_found_at_the_next_standstill():
 def test_once_the_alignment_is_known_a_smaller_jump_is_found(tilt):
     trouble, said = measured(-3e-5, at=3.9, tilt=tilt)
     assert "the displacement changed by" in trouble and 4.2 < said < 4.5
+
+
+@pytest.mark.parametrize(("slip", "good"), [(1.5e-6, True), (3e-4, False)])
+def test_an_overrun_does_not_show_the_alignment_of_the_line(slip, good):
+    """What an axis settles by after 2 mm is a large part of these, and none of 80 mm."""
+    knots, time, place = [(0.0, np.zeros(3))], 0.0, np.zeros(3)
+    for way in (0.002, 0.08, 0.08):
+        for after, step in ((0.4, 0.0), (way / 0.03, way)):
+            time, place = time + after, place + np.array([step, 0.0, 0.0])
+            knots.append((time, place))
+    knots.append((time + 0.4, place))
+    at = 0.41 if good else 1.5
+    assert (measured(slip, at, knots=knots)[0] == "") == good
 
 
 def test_a_large_jump_in_a_move_is_found_at_once():
