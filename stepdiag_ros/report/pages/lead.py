@@ -454,7 +454,7 @@ def _compensated(
         known = ", as far as the uncertainty is known" if judged.lower_bound else ""
         reached += f", with its uncertainty to {most} µm at most (95 %{known})"
     return [
-        f"tables for {made.control.title} could bring the largest error in the volume, with"
+        f"compensation ({made.control.title}) could bring the largest error in the volume, with"
         f" reversal, from {before} µm to {reached}. Measure again after it."
     ]
 
