@@ -331,6 +331,25 @@ def test_the_first_screen_says_which_uncertainty_it_prints():
     assert said in stream.getvalue()
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_rotations_that_the_readings_show_are_said_beside_what_was_expected(stated):
+    expected = replace(lead_of(make_report(results=(returning(),))), budgeted=True)
+    expected = replace(expected, rotation_stated=stated, plausible=Plausible(rotation=10e-6))
+    (as_expected,) = coverage_sentences(expected)
+    (larger,) = coverage_sentences(replace(expected, rotation_shown=19.4e-6))
+    assert "10 µrad" in as_expected and "19.4" not in as_expected
+    assert "19.4 µrad" in larger and "10 µrad" in larger
+    assert ("stated for the machine" in larger) == stated == ("assumed" not in larger)
+
+
+@pytest.mark.parametrize("corrected", [True, False])
+def test_what_a_correction_to_20_degrees_leaves_unstated_is_named(corrected):
+    lead = lead_of(make_report(results=(returning(),), bag=Path("run.mcap")))
+    lead = replace(lead, budgeted=True, material=corrected)
+    (said,) = coverage_sentences(lead)
+    assert ("expansion coefficient" in said) == corrected and "laser, air and setup" in said
+
+
 def test_with_a_budget_the_larger_u_counts_and_what_nobody_stated_is_said():
     measurement = simulate(load_plan("demo")[0], load_cell("demo")[0], seed=1)
     bare = build_report(measurement, chain="YXZ")
