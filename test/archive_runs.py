@@ -36,7 +36,8 @@ def made_up(sha256: str, part: str, **changes) -> Rows:
     figures = [
         Figure(
             **key, kind="result", method="least_squares", name=name, unit="m", value=number * 1e-12,
-            standard_uncertainty=1e-7, expanded_uncertainty=2e-7, low=-1e-6, high=1e-6,
+            standard_uncertainty=1e-7, scatter_standard_uncertainty=None,
+            expanded_uncertainty=2e-7, low=-1e-6, high=1e-6,
             relied_on=True,
         )
         for name in FIGURES

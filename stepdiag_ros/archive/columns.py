@@ -47,6 +47,14 @@ class Run(Key):
     plan: Annotated[str | None, means("Name of the test plan.")]
     chain: Annotated[str | None, means("Order of the axes from workpiece to tool, such as YXZ.")]
     simulated: Annotated[bool | None, means("The machine is a simulated cell.")]
+    layout: Annotated[
+        str | None,
+        means(
+            "SHA-256 of the measured box and lines: runs with the same layout and method share the"
+            " systematic errors that rotations of the axes cause; empty if made by an earlier"
+            " version."
+        ),
+    ]
     complete: Annotated[bool | None, means("All lines of the plan were measured.")]
     flaws: Annotated[int | None, means("Number of faults of the recording.")]
     air_temperature_degC: Annotated[float | None, means("Mean over all stops.")]  # noqa: N815
@@ -104,6 +112,13 @@ class Figure(Key):
     unit: Annotated[str, means("Of value, uncertainties and band; SI.")]
     value: Annotated[float | None, means("Empty if the lines do not determine it.")]
     standard_uncertainty: Annotated[float | None, means("k = 1.")]
+    scatter_standard_uncertainty: Annotated[
+        float | None,
+        means(
+            "k = 1, the part that differs from run to run. The rest, from rotations that no reading"
+            " shows, is the same in all runs of a layout. Empty where the two are not separated."
+        ),
+    ]
     expanded_uncertainty: Annotated[float | None, means("U, coverage probability 95 %.")]
     low: Annotated[float | None, means("Lower end of the 95 % coverage interval.")]
     high: Annotated[float | None, means("Upper end of the 95 % coverage interval.")]

@@ -41,7 +41,8 @@ _YEAR = timedelta(days=365.2425)
 _FIRST = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _ROWS = f"""
 select f.time, f.machine, f.run_id, f.bag_sha256, kind, f.method, name, unit, value,
-    standard_uncertainty, expanded_uncertainty, instrument, instrument_serial_number,
+    standard_uncertainty, scatter_standard_uncertainty, expanded_uncertainty, layout,
+    instrument, instrument_serial_number,
     weather_station, material_temperature_degC, material_temperature_range_K
 from figures f join runs r on f.bag_sha256 = r.bag_sha256
     and f.run_id is not distinct from r.run_id
@@ -275,7 +276,7 @@ def _history(
                 kept[key][0]["unit"],
                 tuple(row["time"] for row in kept[key]),
                 series[key].values.tolist(),
-                (COVERAGE_FACTOR * series[key].uncertainty).tolist(),
+                (COVERAGE_FACTOR * series[key].whole_uncertainty).tolist(),
                 trend,
                 limits[key],
                 len(figures[key]) - len(usual[key]),
@@ -392,21 +393,25 @@ def series_of(rows: Sequence[Mapping[str, Any]], shared: float) -> Series:
         shared: standard uncertainty of the figure by what the runs of an instrument share; NaN if
             not known: then the history alone determines how instruments differ.
     """
-    own = [
+    whole = [
         _number(row["expanded_uncertainty"]) / COVERAGE_FACTOR
         if row["standard_uncertainty"] is None
         else float(row["standard_uncertainty"])
         for row in rows
     ]
+    scatter = [_number(row["scatter_standard_uncertainty"]) for row in rows]
+    own = np.fmin(whole, scatter)  # what is not separated may all differ from run to run
     return Series(
         np.array([(row["time"] - _FIRST) / _YEAR for row in rows]),
         np.array([row["value"] for row in rows], float),
-        np.array(own),
+        own,
         np.array([_number(row["material_temperature_degC"]) for row in rows]),
         np.array([_number(row["material_temperature_range_K"]) for row in rows]) / sqrt(12.0),
         # A scale that is stated is that of the laser, whichever sensors it is compensated by.
         [_instrument(row) if shared >= 0.0 else _sensors(row) for row in rows],
         shared,
+        np.sqrt(np.square(whole) - np.square(own)),
+        [str(row["layout"] or "") for row in rows],
     )
 
 

@@ -22,6 +22,7 @@ from stepdiag_ros.evaluation.history import machine_facts
 from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.recorded_run import measurement_of, report_of_run
 from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.evaluation.scatter import layout_digest, scatter_of_figures, scatter_of_largest
 from stepdiag_ros.evaluation.single_errors import expanded_of_figure
 from stepdiag_ros.evaluation.solving import solve_run
 from stepdiag_ros.metrology.discrepancy.summary import FoundEffect, Verdict
@@ -149,6 +150,7 @@ def _add(
             **stated,
             run_number=number,
             file=recorded.path.name,
+            layout=None if report.measurement is None else layout_digest(report.measurement),
             complete=lead.whole,
             flaws=len(report.recording),
             **_environment(report.measurement),
@@ -217,6 +219,7 @@ def _figures(
     preferred = report.preferred()
     best = None if preferred is None else preferred.method
     for result in report.ordered_results():
+        scatter = scatter_of_figures(result, report.chain)
         for one in result.figures:
             yield _figure(
                 "result",
@@ -226,11 +229,13 @@ def _figures(
                 one.value,
                 expanded_of_figure(one, report.budget if result is preferred else None).value,
                 standard_uncertainty=one.standard_uncertainty,
+                scatter=scatter.get(one.name, nan),
                 relied_on=result.method == best,
             )
-    if lead.volume is not None:
+    if lead.volume is not None and preferred is not None:
         name, wide = "largest in volume", lead.expanded_uncertainty
-        yield _figure("volume", best, name, "m", lead.volume.value, wide)
+        scatter_of_it = scatter_of_largest(preferred, report.chain)
+        yield _figure("volume", best, name, "m", lead.volume.value, wide, scatter=scatter_of_it)
     for error in lead.errors:
         yield _figure("single", best, error.name, "m", error.value, error.expanded_uncertainty)
     for test in tests:
@@ -259,6 +264,7 @@ def _figure(
     expanded: float,
     *,
     standard_uncertainty: float = nan,
+    scatter: float = nan,
     relied_on: bool = True,
 ) -> dict[str, Any]:
     return {
@@ -268,6 +274,7 @@ def _figure(
         "unit": unit,
         "value": _known(value),
         "standard_uncertainty": _known(standard_uncertainty),
+        "scatter_standard_uncertainty": _known(scatter),
         "expanded_uncertainty": _known(expanded),
         "low": _known(value - expanded),
         "high": _known(value + expanded),

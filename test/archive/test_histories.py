@@ -146,7 +146,8 @@ def series_in_boxes(tmp_path, sides):
 
 @pytest.mark.parametrize(("shared", "names"), [(float("nan"), 2), (1e-7, 1)])
 def test_runs_with_other_air_sensors_share_an_error_only_where_the_scale_is_stated(shared, names):
-    row = dict.fromkeys(("instrument", "material_temperature_degC", "expanded_uncertainty"))
+    unknown = ("material_temperature_degC", "expanded_uncertainty", "scatter_standard_uncertainty")
+    row = dict.fromkeys(("instrument", "layout", *unknown))
     row |= {"material_temperature_range_K": None, "instrument_serial_number": "L1"}
     row |= {"value": 1e-6, "standard_uncertainty": 1e-7}
     rows = [
@@ -155,6 +156,30 @@ def test_runs_with_other_air_sensors_share_an_error_only_where_the_scale_is_stat
     ]
     made = series_of(rows, shared).instruments
     assert len(set(made)) == names and made[0] == made[2]
+
+
+def test_what_rotations_do_to_all_runs_of_a_layout_is_in_the_level_and_in_no_change(tmp_path):
+    random, levels = np.random.default_rng(1), {}
+    for scatter in (None, 2e-7):
+        place, rows = Place(str(tmp_path / f"layouts {scatter}")), Rows()
+        for number in range(20):
+            made = made_up(
+                digest(number), "part", start_time=BEGAN + timedelta(days=number), layout="a"
+            )
+            for one in made.figures:
+                object.__setattr__(one, "value", 2e-6 * (number >= 12) + random.normal(0.0, 2e-7))
+                object.__setattr__(one, "machine", "m")
+                object.__setattr__(one, "standard_uncertainty", 5e-6)
+                object.__setattr__(one, "scatter_standard_uncertainty", scatter)
+            for table in ("runs", "figures", "curves"):
+                getattr(rows, table).extend(getattr(made, table))
+        catalogue.write_part(place, "part", rows)
+        levels[scatter] = figure(read(place, "m")["m"], "C0Y")
+    assert [one.run for one in levels[2e-7].trend.changes] == [12]
+    assert levels[2e-7].trend.level_expanded > 1.9 * 5e-6
+    assert levels[2e-7].expanded == pytest.approx(levels[None].expanded)
+    # Where the two are not separated, as in a catalogue of an earlier version:
+    assert not levels[None].trend.changes
 
 
 def test_what_depends_on_the_box_is_followed_in_the_newest_box_only(tmp_path):

@@ -64,6 +64,35 @@ def test_level_and_trend_are_those_of_the_whole_covariance_matrix(shared):
     assert fit.residuals @ fit.residuals == pytest.approx(fit.degrees_of_freedom, rel=1e-2)
 
 
+SYSTEMATIC = 5e-6
+
+
+def test_what_all_runs_of_a_layout_share_is_in_the_level_but_hides_no_step_and_makes_none():
+    steps = noise(31) + 6e-6 * (np.arange(RUNS) >= 25)
+    plain = trend_of(series(steps))
+    trend = trend_of(series(steps, systematic=np.full(RUNS, SYSTEMATIC)))
+    assert kinds(trend) == kinds(plain) == [("step", 25)]
+    assert trend.level == pytest.approx(plain.level, rel=1e-4)
+    assert trend.level_expanded == pytest.approx(
+        np.hypot(plain.level_expanded, 2.03 * SYSTEMATIC), rel=0.01
+    )
+    assert trend.slope_expanded == pytest.approx(plain.slope_expanded, rel=1e-3)
+    assert trend.limits == pytest.approx(plain.limits, rel=1e-3)
+    assert trend.adjusted == pytest.approx(plain.adjusted, rel=1e-3)
+
+
+def test_another_layout_is_no_step_and_makes_the_level_no_better_known():
+    values = noise(32) + 6e-6 * (np.arange(RUNS) >= 25)
+    layouts = ["a"] * 25 + ["b"] * (RUNS - 25)
+    one = series(values, systematic=np.full(RUNS, SYSTEMATIC), layouts=layouts)
+    assert kinds(trend_of(series(values))) == [("step", 25)]
+    trend = trend_of(one)
+    assert not trend.changes
+    assert trend.level_expanded > 1.96 * SYSTEMATIC
+    with refused(Refusal, "mismatch", about="layouts"):
+        series(values, layouts=layouts[1:])
+
+
 def test_what_happened_is_found_with_its_date_and_size():
     runs = np.arange(RUNS)
     values = noise(3) + 9e-6 * (runs >= 25) + 8e-6 * (runs == 12)

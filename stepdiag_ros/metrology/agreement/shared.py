@@ -13,6 +13,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.agreement.measured import ComparedMeasurement, curve_rows
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.uncertainty.budget import Budget
 from stepdiag_ros.metrology.uncertainty.source import COMMON, Source
 
@@ -66,8 +67,11 @@ def _of_rotations(before: ComparedMeasurement, after: ComparedMeasurement) -> Ve
         if one.budget is not None or not readings.size or readings.shape != total.shape:
             return None
         parts.append(np.nan_to_num(total - readings))
-    lines = [_lines(one) for one in (before, after)]
-    alike = lines[0] and lines[0] == lines[1] and parts[0].shape == parts[1].shape
+    layouts = [
+        one.measurement and (one.result.method, layout_of(one.measurement))
+        for one in (before, after)
+    ]
+    alike = layouts[0] and layouts[0] == layouts[1] and parts[0].shape == parts[1].shape
     if not alike or not all(map(np.any, parts)):
         return None
     made: Vector = _root(parts[0]) @ _root(parts[1])
@@ -81,11 +85,8 @@ def _root(covariance: Vector) -> Vector:
     return root
 
 
-def _lines(measured: ComparedMeasurement) -> tuple[object, ...]:
-    """Return what decides what rotations do to a result."""
-    if measured.measurement is None:
-        return ()
-    volume = measured.measurement.volume
+def layout_of(measurement: Measurement) -> tuple[object, ...]:
+    """Return what decides, beside the method, what rotations do to a result: box and lines."""
     kinds = {
         (
             one.line.name,
@@ -94,9 +95,9 @@ def _lines(measured: ComparedMeasurement) -> tuple[object, ...]:
             one.line.offset,
             one.line.mirror_offset,
         )
-        for one in measured.measurement.lines
+        for one in measurement.lines
     }
-    return (measured.result.method, volume, tuple(sorted(kinds)))
+    return (measurement.volume, tuple(sorted(kinds)))
 
 
 def cross_covariance(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector
 from stepdiag_ros.metrology.trends.fitting import Fit, fit, left_over
@@ -53,7 +54,8 @@ class Design:
 
     Attributes:
         names: of the columns: ``level``, ``trend``, ``event``, ``instrument``, ``temperature``,
-            ``season``; of a whole design also the kinds of changes, and ``rate``.
+            ``season``, ``systematic`` (of the layout of the last run), ``layout`` (of another one,
+            less that); of a whole design also the kinds of changes, and ``rate``.
         matrix: rows × columns.
         values: of each row.
         own: variance of each row that is known.
@@ -74,12 +76,12 @@ class Design:
         """Return the fit of all columns."""
         return fit(self.matrix, self.values, self.own, self.varies)
 
-    def known(self, columns: Vector, uncertainty: float) -> "Design":
+    def known(self, columns: NDArray[np.bool_], uncertainty: float | Vector) -> "Design":
         """Return the design with rows that say: these columns are 0 with a standard uncertainty.
 
         Args:
             columns: whether each column is meant.
-            uncertainty: of their coefficients, above 0.
+            uncertainty: of their coefficients, above 0; one for all, or of each.
         """
         rows = np.eye(self.matrix.shape[1])[columns]
         more = np.zeros(len(rows))
@@ -87,7 +89,7 @@ class Design:
             self,
             matrix=np.vstack([self.matrix, rows]),
             values=np.concatenate([self.values, more]),
-            own=np.concatenate([self.own, more + uncertainty**2]),
+            own=np.concatenate([self.own, more + np.square(uncertainty)]),
             varies=np.concatenate([self.varies, more]),
         )
 
@@ -105,10 +107,10 @@ def design_of(series: Series, events: Sequence[int] = (), coefficient: float = 0
     runs = len(series)
     temperature, uncertain, mean = _temperature(series)
     names, columns, left_out = ["level"], [np.ones(runs)], []
-    offsets: list[Vector] = []  # which are known beforehand, and need no runs
+    offsets = list(_systematic(series))  # which are known beforehand, and need no runs
     for name, group in _further(series, temperature, events):
         if name == "instrument" and series.instrument_uncertainty > 0.0:
-            offsets = list(group.T)
+            offsets += [(name, one, series.instrument_uncertainty) for one in group.T]
             continue
         basis = np.linalg.qr(np.column_stack(columns))[0]
         determined = bool(np.all(left_over(group, basis)[1]))
@@ -118,8 +120,8 @@ def design_of(series: Series, events: Sequence[int] = (), coefficient: float = 0
             names.extend([name] * group.shape[1])
         else:
             left_out.append(name)
-    names.extend(["instrument"] * len(offsets))
-    matrix = np.column_stack([*columns, *offsets])
+    names.extend(name for name, _, _ in offsets)
+    matrix = np.column_stack([*columns, *(one for _, one, _ in offsets)])
     own = np.nan_to_num(series.uncertainty) ** 2 + (coefficient * uncertain) ** 2
     made = Design(
         tuple(names),
@@ -132,7 +134,28 @@ def design_of(series: Series, events: Sequence[int] = (), coefficient: float = 0
     )
     if not offsets:
         return made
-    return made.known(np.array([n == "instrument" for n in names]), series.instrument_uncertainty)
+    known = np.arange(len(names)) >= len(columns)
+    return made.known(known, np.array([uncertainty for _, _, uncertainty in offsets]))
+
+
+def _systematic(series: Series) -> Iterator[tuple[str, Vector, float]]:
+    """Yield what all runs of a layout share: name and column of it, and its standard uncertainty.
+
+    The level contains the error of the last layout, however many runs there are. That of another
+    layout may be anything within its own uncertainty. So a change of layout does not look like a
+    step of the machine, and a second layout does not make the level better known.
+    """
+    layouts = np.array(series.layouts)
+    of_each = {
+        one: float(np.sqrt(np.mean(np.nan_to_num(series.systematic[layouts == one]) ** 2)))
+        for one in sorted(set(series.layouts))
+    }
+    last = of_each.pop(series.layouts[-1])
+    if last > 0.0:
+        yield "systematic", np.ones(len(series)), last
+    for name, other in of_each.items():
+        if max(last, other) > 0.0:
+            yield "layout", np.asarray(layouts == name, float), float(np.hypot(last, other))
 
 
 def _temperature(series: Series) -> tuple[Vector, Vector, float]:

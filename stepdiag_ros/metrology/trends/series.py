@@ -1,7 +1,7 @@
 """A figure of a machine as its runs measured it, and what is known of each run beside it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
@@ -24,6 +24,9 @@ class Series:
         instruments: name of the instrument of each run. Runs with one name share its error.
         instrument_uncertainty: standard uncertainty of the figure by the error that the runs of an
             instrument share; NaN if not known, 0 if they share nothing.
+        systematic: standard uncertainty of each value by what is the same in all runs of one
+            layout, such as rotations that no reading shows; NaN or none: nothing.
+        layouts: name of the box and lines of each run; none: all have the same.
 
     Raises:
         ValueError: arrays differ in length, a value or time is not finite, times are not in order,
@@ -37,8 +40,14 @@ class Series:
     temperature_uncertainty: Vector
     instruments: Sequence[str]
     instrument_uncertainty: float = nan
+    systematic: Vector = field(default_factory=lambda: np.empty(0))
+    layouts: Sequence[str] = ()
 
     def __post_init__(self) -> None:
+        if not len(self.systematic):
+            object.__setattr__(self, "systematic", np.zeros(len(self)))
+        if not self.layouts:
+            object.__setattr__(self, "layouts", [""] * len(self))
         arrays = {
             name: np.asarray(getattr(self, name), float)
             for name in (
@@ -47,6 +56,7 @@ class Series:
                 "uncertainty",
                 "temperature",
                 "temperature_uncertainty",
+                "systematic",
             )
         }
         for name, array in arrays.items():
@@ -56,7 +66,9 @@ class Series:
         for name in ("years", "values"):
             if not np.all(np.isfinite(arrays[name])):
                 raise _refusal(f"{name} has an entry that is not finite", "out_of_range", name)
-        for name in ("uncertainty", "temperature_uncertainty"):
+        if len(self.layouts) != len(self):
+            raise _refusal("it has not one entry a run", "mismatch", "layouts")
+        for name in ("uncertainty", "temperature_uncertainty", "systematic"):
             if np.any(arrays[name] < 0.0):
                 raise _refusal(f"{name} has a negative entry", "out_of_range", name)
         if np.any(np.diff(arrays["years"]) < 0.0):
@@ -66,6 +78,12 @@ class Series:
 
     def __len__(self) -> int:
         return len(self.instruments)
+
+    @property
+    def whole_uncertainty(self) -> Vector:
+        """Return the standard uncertainty of each value, NaN where not known."""
+        whole: Vector = np.hypot(self.uncertainty, np.nan_to_num(self.systematic))
+        return whole
 
     def first(self, runs: int) -> "Series":
         """Return the series as it was after some runs."""
@@ -77,6 +95,8 @@ class Series:
             self.temperature_uncertainty[:runs],
             self.instruments[:runs],
             self.instrument_uncertainty,
+            self.systematic[:runs],
+            self.layouts[:runs],
         )
 
 

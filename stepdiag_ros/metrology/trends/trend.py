@@ -32,7 +32,7 @@ LIMITS_PROBABILITY = 0.9973
 """That the next run of an unchanged machine is between the control limits."""
 
 _LINE = ("level", "trend", "event", "step", "bend", "rate")
-_ASIDE = ("temperature", "season", "instrument")
+_ASIDE = ("temperature", "season", "instrument", "systematic", "layout")
 _DOUBT = 0.5
 """Chance of a false change at which a change counts as possible, though it is not reported."""
 _LATELY = 4
@@ -224,7 +224,7 @@ def _trend(series: Series, design: Design, tolerance: float) -> Trend:
         slope_expanded=float(wide[1]),
         temperature=design.temperature,
         between=now.between,
-        limits=_limits(series, now),
+        limits=_limits(series, design, now),
         line=line @ now.coefficients[lines],
         line_expanded=_factor(now, COVERAGE_PROBABILITY) * spread,
         adjusted=series.values - columns[:, aside] @ now.coefficients[aside],
@@ -264,11 +264,15 @@ def _changes(series: Series, places: list[Place], now: Fit, search: Search) -> t
     return tuple(found)
 
 
-def _limits(series: Series, now: Fit) -> tuple[float, float]:
-    """Return between what the next run is, at the mean temperature, with a usual uncertainty."""
+def _limits(series: Series, design: Design, now: Fit) -> tuple[float, float]:
+    """Return between what the next run is, at the mean temperature, with a usual uncertainty.
+
+    What is systematic in the last run is so in the next.
+    """
+    next_run = np.array([name in ("level", "systematic") for name in design.names], float)
     usual = float(np.median(np.nan_to_num(series.uncertainty)))
     half = _factor(now, LIMITS_PROBABILITY) * float(
-        np.sqrt(now.covariance[0, 0] + now.between**2 + usual**2)
+        np.sqrt(next_run @ now.covariance @ next_run + now.between**2 + usual**2)
     )
     return float(now.coefficients[0]) - half, float(now.coefficients[0]) + half
 
