@@ -17,6 +17,7 @@ from stepdiag_ros.commands.arguments import (
     add_common,
     results_folder,
 )
+from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.direct_files import add_direct_option, direct_measurement
 from stepdiag_ros.commands.output import (
     Progress,
@@ -113,6 +114,7 @@ def _add_given(parser: ArgumentParser) -> None:
         " 230-2 and ISO 230-6; the U of a positioning error is then at least that of M",
     )
     add_direct_option(parser)
+    add_correction_options(parser)
     parser.add_argument(
         "--archive",
         metavar="PLACE",
@@ -233,6 +235,7 @@ def _material(
             report = report_of_run(
                 recorded,
                 progress,
+                correct=given.correct,
                 with_visibility=True,
                 warn=warn,
                 direct=direct,
@@ -242,7 +245,7 @@ def _material(
             if not recorded.lines:
                 raise
             # Tests of axes at uneven targets are not lines of a box, and still tests.
-            report = unsolved(recorded, sentence(error))
+            report = unsolved(recorded, sentence(error), given.correct)
     return Material(recorded, report, given)
 
 
@@ -263,10 +266,11 @@ def _history(archive: str, recorded: "RecordedRun") -> "HistoryOfRun":
 
 def _refuse_options_of_curves(arguments: Namespace) -> None:
     """Refuse what a run with a tracker has no use for, rather than leave it out in silence."""
-    for option in ("tolerance", "instrument", "direct", "dcc", "archive"):
+    for option in ("tolerance", "instrument", "direct", "dcc", "archive", "expansion"):
         if getattr(arguments, option):
+            name = "expansion-per-K" if option == "expansion" else option
             raise ValueError(
-                f"{arguments.bag} was measured with a tracker: --{option} is for the error curves"
+                f"{arguments.bag} was measured with a tracker: --{name} is for the error curves"
                 " of step diagonals; leave it out"
             )
 
@@ -328,6 +332,9 @@ def _given(arguments: Namespace, stated: "Laboratory") -> "Given":
         instrument_source=instrument.name if arguments.instrument is not None else "",
         conditions=conditions,
         control=arguments.control,
+        correct=partial(corrected, arguments=arguments),
+        expansion=nan if arguments.expansion is None else arguments.expansion,
+        material_temperature=arguments.material_temperature,
     )
 
 
@@ -349,6 +356,7 @@ COMMAND = Command(
     "  stepdiag report run.mcap\n"
     '  stepdiag report run.mcap --tolerance 20 --customer "Mill & Sons" --operator "A. Dent"\n'
     "  stepdiag report run.mcap --instrument demo --control linuxcnc --pdf\n"
+    "  stepdiag report run.mcap --instrument demo --expansion-per-K 11.5e-6    at 20 °C\n"
     "  stepdiag report run.mcap --instrument demo --dcc cert.xml --laboratory laboratory.yaml\n"
     "  stepdiag report run.mcap --archive /data/machines",
 )

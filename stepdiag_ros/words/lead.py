@@ -44,7 +44,6 @@ _NOT_JUDGED = (
     "to hand over; the machine is not judged yet: --tolerance UM judges it",
 )
 _ISO_230 = ("iso230 {}", "the parameters of ISO 230-2, and the deviations at every target")
-_ISO_230_AT_20 = "iso230 {} --expansion-per-K COEFFICIENT"
 _SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")
 _MONITOR = ("monitor {}", "the run again, in the browser")
 _TESTED = {
@@ -128,13 +127,18 @@ def coverage_sentences(lead: RunLead) -> list[str]:
         what = "expansion coefficient, material temperature, laser, air and setup"
     bound = (
         f" Of {what} nothing was stated, so that U does not contain them and is a lower bound:"
-        f" stepdiag {'budget' if lead.material else 'report'} --instrument FILE."
+        f" stepdiag report{_at_20(lead)} --instrument FILE."
     )
     return [
         f"± (95 %): U by the uncertainty budget, as in stepdiag report, or of the readings where"
         f" that is larger. Tables show '{OF_READINGS}'{alone}."
         f"{bound if lead.lower_bound else ''} {_assumed_rotations(lead)}"
     ]
+
+
+def _at_20(lead: RunLead) -> str:
+    """Return the option by which another command states results at 20 °C as well."""
+    return " --expansion-per-K COEFFICIENT" if lead.material else ""
 
 
 def laser_scale(plausible: Plausible) -> str:
@@ -162,8 +166,10 @@ def next_steps(lead: RunLead) -> list[NextStep]:
     if lead.bag is None:
         return []
     more_acts = lead.more_acts
-    iso_230 = (_ISO_230_AT_20, _ISO_230[1]) if lead.material else _ISO_230
-    named: list[tuple[str, str]] = [*_complete_first(lead), iso_230, _REPORT]
+    iso_230, report, judge = (
+        (f"{command}{_at_20(lead)}", why) for command, why in (_ISO_230, _REPORT, _NOT_JUDGED)
+    )
+    named: list[tuple[str, str]] = [*_complete_first(lead), iso_230, report]
     if not lead.uneven:
         named = [
             *_complete_first(lead),
@@ -172,7 +178,7 @@ def next_steps(lead: RunLead) -> list[NextStep]:
             *(_after_verdict(lead) if more_acts else []),
             *_for_unknown(lead),
             *([] if more_acts else _after_verdict(lead)),
-            _REPORT if lead.volume is None or lead.tracked else _NOT_JUDGED,
+            report if lead.volume is None or lead.tracked else judge,
             _MONITOR,
             *_compensation(lead),
         ]

@@ -1,4 +1,4 @@
-"""``stepdiag iso230 --expansion-per-K``: the parameters of readings that are corrected to 20 °C."""
+"""``--expansion-per-K`` of iso230 and report: results of readings that are corrected to 20 °C."""
 
 import json
 
@@ -29,6 +29,30 @@ def test_every_deviation_is_corrected_and_said_to_be(tmp_path, capsys):
         assert before["equals_recorded"] is not False and not after["equals_recorded"]
     assert any("20 degC" in text for text in at_20["warnings"])
     assert not any("20 degC" in text for text in as_read["warnings"])
+
+
+def made(folder, *command):
+    """Return the document that a command writes into a folder."""
+    assert main([*command, "--output", str(folder)]) == 0
+    (path,) = folder.glob("*.json")
+    return json.loads(path.read_text())
+
+
+@pytest.mark.parametrize("told", [(), ("--expansion-per-K", str(ALPHA))])
+def test_a_report_states_what_solve_and_iso230_state(tmp_path, told):
+    bag = str(standard_runs.write_bag(tmp_path / "run.mcap"))
+    told = told and (*told, "--material-temperature", str(20.0 + ABOVE))
+    report = made(tmp_path / "report", "report", bag, "--json", *told)
+    sections = report["sections"]
+    tests = made(tmp_path / "iso", "iso230", bag, "--pictures", "none", *told)["tests"]
+    for one, same in zip(sections["axes"]["tests"], tests, strict=True):
+        assert one["parameters"] == same["parameters"]
+    solved = made(tmp_path / "solve", "solve", bag, "--pictures", "none", *told)
+    assert sections["curves"]["methods"] == solved["methods"]
+    sources = {one["name"] for one in sections["uncertainty"]["sources"]}
+    assert ("expansion coefficient" in sources) == bool(told)
+    remarks = sections["curves"]["run"]["remarks"]
+    assert any("(ISO 1)" in one for one in remarks) == bool(told)
 
 
 def test_a_table_has_no_temperature_of_the_material(tmp_path, capsys):

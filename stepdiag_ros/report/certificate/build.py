@@ -29,6 +29,7 @@ from stepdiag_ros.report.pages.sections.measurement import (
     instrument,
     parameters,
     plan_facts,
+    temperature_words,
     weather_figures,
 )
 
@@ -74,7 +75,8 @@ def _methods(material: Material) -> Iterator[Element]:
         "Laser measurement along step diagonals and linear axes",
         own("measurement"),
         f"Lines: {facts['Lines']}. Measured box: {facts['Measured box']}."
-        f" Evaluation: {method_title(result.method)}.",
+        f" Evaluation: {method_title(result.method)}."
+        f" Temperature of the results: {temperature_words(material)}.",
         ("ISO 230-1:2012",),
         (_STEP_DIAGONALS,),
     )

@@ -9,6 +9,7 @@ from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 
 if TYPE_CHECKING:
     from stepdiag_ros.archive.histories import HistoryOfRun
+    from stepdiag_ros.evaluation.recorded_run import Correct
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,10 @@ class Given:
         conditions: what is known of the conditions of the ISO 230 tests.
         control: that compensation is shown for.
         history: of the machine, by an archive; None if none was named.
+        correct: returns lines at 20 °C, and in words how; None: results hold at the temperature
+            that the machine had.
+        expansion: coefficient that ``correct`` corrects with, 1/K; NaN without one.
+        material_temperature: of the machine that it corrects from, °C; None: as recorded.
     """
 
     customer: str = ""
@@ -44,3 +49,6 @@ class Given:
     conditions: UncertaintyDescription = field(default_factory=UncertaintyDescription)
     control: str = "generic"
     history: "HistoryOfRun | None" = None
+    correct: "Correct | None" = None
+    expansion: float = nan
+    material_temperature: float | None = None

@@ -342,9 +342,10 @@ def _of_laser(material: Material) -> str:
             " bound."
         )
     if not known:
+        what = "expansion coefficient, material temperature, " * material.lead.material
         return (
-            "Nothing was stated about laser, air and setup (--instrument), so that the budget does"
-            " not contain them and every ± is a lower bound."
+            f"Nothing was stated about {what}laser, air and setup (--instrument), so that the"
+            " budget does not contain them and every ± is a lower bound."
         )
     words = (
         "The budget contains the uncertainties of laser, air and setup that the instrument file"

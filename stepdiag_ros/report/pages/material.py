@@ -34,6 +34,7 @@ from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
 from stepdiag_ros.evaluation.flown import FlownRun, flown_run
 from stepdiag_ros.evaluation.lead import RunLead, lead_of, uneven_of
 from stepdiag_ros.evaluation.positioning import PositioningReport, positioning_of
+from stepdiag_ros.evaluation.recorded_run import Correct
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.single_errors import SingleError, at_least_of_tests, single_errors
 from stepdiag_ros.evaluation.volumetric import accuracies_of
@@ -67,15 +68,21 @@ _PARTS = (
 """Properties of a material that a run may have nothing for."""
 
 
-def unsolved(recorded: RecordedRun, why: str) -> Report:
+def unsolved(recorded: RecordedRun, why: str, correct: Correct | None = None) -> Report:
     """Return the report of a run whose lines no method can be asked about.
 
     Args:
         recorded: the run.
         why: in a sentence; of lines with unevenly spaced targets a shorter one is taken.
+        correct: returns the lines at 20 °C, and in words how; None: as they were measured.
+
+    Raises:
+        ValueError: the lines cannot be corrected.
     """
+    measured = recorded.measurement
+    measurement, corrections = (measured, ()) if correct is None else correct(measured)
     name = recorded.machine.get("name", "")
-    uneven = uneven_of(recorded.measurement)
+    uneven = uneven_of(measurement)
     reason = uneven_reason(uneven) if uneven else _sentence(ValueError(why), recorded)
     return Report(
         results=(),
@@ -87,8 +94,9 @@ def unsolved(recorded: RecordedRun, why: str) -> Report:
         run_software_version=recorded.software_version,
         bag=recorded.path,
         simulated=True if recorded.simulated_cell else None,
-        measurement=recorded.measurement,
-        passes=completeness_of(recorded, recorded.measurement),
+        measurement=measurement,
+        remarks=corrections,
+        passes=completeness_of(recorded, measurement),
         recording=recorded.flaws,
     )
 
@@ -232,7 +240,10 @@ class Material:
     def positioning(self) -> PositioningReport | None:
         """Return the tests by ISO 230-2 and ISO 230-6; None where no line is complete."""
         return self._made_or_missing(
-            "positioning", lambda: positioning_of(self.recorded, self.given.conditions)
+            "positioning",
+            lambda: positioning_of(
+                self.recorded, self.given.conditions, correct=self.given.correct
+            ),
         )
 
     @cached_property
@@ -303,7 +314,10 @@ class Material:
         """Return the uncertainty budget of the method to rely on; None where there is none."""
 
         def made() -> BudgetReport:
-            budget = budget_of(self.report, self.given.instrument)
+            given = self.given
+            budget = budget_of(
+                self.report, given.instrument, given.expansion, given.material_temperature
+            )
             return BudgetReport(budget, None, self.report.run_id, self.report.bag)
 
         return self._made_or_missing("budget", made)

@@ -109,7 +109,7 @@ def _conformity(material: Material) -> list[Fact]:
         Fact("Largest error allowed", judged.limit if asked else "not agreed"),
         Fact("Largest error ± U (95 %)", judged.size),
         Fact("What the value is", _value(material)),
-        Fact("It holds at", f"the temperature{temperature_words(material).removeprefix('that')}"),
+        Fact("Temperature", temperature_words(material)),
         Fact("Decision rule", DECISION_RULE),
         Fact("Decision", _decision(material, judged)),
         Fact("Model and run", verdict_words(material)),

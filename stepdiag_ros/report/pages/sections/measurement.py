@@ -1,5 +1,6 @@
 """What was measured, with what, when and by whom, and in what weather."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from datetime import datetime, timezone
@@ -150,7 +151,14 @@ def condition_facts(material: Material) -> list[Fact]:
 
 
 def temperature_words(material: Material) -> str:
-    """Say at which temperature the results hold: a report corrects nothing to 20 °C."""
+    """Say at which temperature the results hold."""
+    if math.isfinite(material.given.expansion):
+        told = material.given.material_temperature
+        machine = "as recorded" if told is None else f"{told:g} °C as stated"
+        return (
+            f"20 °C (ISO 1), corrected with {material.given.expansion * IN_MICRO:.4g} µm/(m K);"
+            f" temperature of the machine: {machine}"
+        )
     words = "that of the machine during the run; stepdiag_ros corrected nothing to 20 °C"
     if is_imported(material):
         return f"{words}, and whether the source of the imported readings did is unknown"
