@@ -59,6 +59,7 @@ def _lines(text: str) -> tuple[int, int]:
 def run(arguments: Namespace) -> int:
     """Find the stops and write the bag; see the module."""
     from stepdiag_ros.bags.hand_run import lines_of_recordings, measure_by_hand, write_hand_run
+    from stepdiag_ros.bags.imports.made import WITHOUT_CHAIN
     from stepdiag_ros.bags.recording import one_after_another, read_recording
     from stepdiag_ros.configuration import load_machine, load_plan
     from stepdiag_ros.metrology.by_hand import plan_by_hand, require_standing_beam
@@ -95,6 +96,8 @@ def run(arguments: Namespace) -> int:
     for sentence in found.words:
         say(f"  {sentence}")
     _say_how_to_complete(found, lines)
+    if not machine_text:
+        say(f"note: {WITHOUT_CHAIN}. Name the machine: --machine FILE")
     return 0
 
 

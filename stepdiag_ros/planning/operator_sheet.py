@@ -69,9 +69,14 @@ def operator_sheet(
         lines += ["", *_entry(plan, number, made, name)]
     lines += [
         "",
-        "Afterwards (MAPPING: the YAML file that describes the columns)",
         *_wrapped(
-            f"stepdiag by-hand {' '.join(files)} --mapping MAPPING --plan {plan_file}", "  ", "    "
+            "Afterwards (MAPPING, MACHINE: the YAML files that describe columns and machine)"
+        ),
+        *_wrapped(
+            f"stepdiag by-hand {' '.join(files)} --mapping MAPPING --plan {plan_file}"
+            " --machine MACHINE",
+            "  ",
+            "    ",
         ),
     ]
     return "\n".join(lines) + "\n"
@@ -111,8 +116,8 @@ def _steps(plan: Plan) -> list[str]:
         "Zero the laser, now and not again before the next alignment. Start the recording.",
         f"Hands off for {2.0 * dwell_of(plan):g} s or more, then start. No feed hold, and no hand"
         " on the laser, before the last stop.",
-        "After the last pass, compare the change of the reading, and end and export the recording"
-        " under its name.",
+        "After the last pass, end and export the recording under its name. The reading must have"
+        " changed in the first pass as stated below.",
     ]
 
 

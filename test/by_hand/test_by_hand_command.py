@@ -108,6 +108,14 @@ def test_the_bag_is_a_run_like_any_other(folder, capsys):
     assert {"setup_robust", "least_squares"} <= set(solved["methods"])
 
 
+@pytest.mark.parametrize("machine", [(), ("--machine", "demo")])
+def test_without_a_machine_it_is_said_that_the_chain_is_unknown(folder, tmp_path, capsys, machine):
+    bag = tmp_path / "run.mcap"
+    assert by_hand(folder, folder / "all.txt", "--output", bag, *machine) == 0
+    assert ("--machine" in capsys.readouterr().err) == (not machine)
+    assert load_run(bag).chain == ("YXZ" if machine else "")
+
+
 def test_a_bag_with_readings_is_a_recording_too(folder, capsys):
     bag, again = folder / "once.mcap", folder / "again.mcap"
     assert by_hand(folder, folder / "all.txt", "--output", bag) == 0

@@ -12,11 +12,12 @@ from stepdiag_ros.metrology.plan import BACKWARD, DIAGONAL, FORWARD, STEP_DIAGON
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.extent import extent_words
 
-NO_CHAIN = (
+WITHOUT_CHAIN = (
     "the kinematic chain is not stated: U takes the mean of what rotations do in all six chains, so"
     " that of the largest error is mostly larger than with the chain and that of a single curve may"
-    " be too small; methods that determine angular errors refuse. State 'chain'"
+    " be too small; methods that determine angular errors refuse"
 )
+NO_CHAIN = f"{WITHOUT_CHAIN}. State 'chain'"
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,14 @@ from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.bags.imports.axis_test import OVERRUN_UNDETERMINED, AxisRow, axis_name, axis_test
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.made import overrun_passed_over
-from stepdiag_ros.bags.imports.mapping import AXIS, DELIMITERS, LINES, TableMapping, mapping_of
+from stepdiag_ros.bags.imports.mapping import (
+    AXIS,
+    DELIMITERS,
+    LINES,
+    READINGS,
+    TableMapping,
+    mapping_of,
+)
 from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import (
@@ -25,9 +32,9 @@ from stepdiag_ros.bags.table_rows import (
     refusal,
 )
 from stepdiag_ros.configuration import find, plan_from_text, read_text
-from stepdiag_ros.metrology.geometry import Vector, beam_direction, move_orders
+from stepdiag_ros.metrology.geometry import Vector, beam_direction, line_signs, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, Line, Volume, kind_of
+from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, LINEAR, Line, Volume, kind_of
 from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.text.intake import parse_yaml
@@ -36,9 +43,22 @@ NAME = "table with a mapping file"
 _LATEST = 4e9
 """s: what a time stamp of ROS can hold, about."""
 _GOOD = 0
+_OPTIONS = {
+    "axis": (AXIS,),
+    "box": (AXIS,),
+    "standing": (AXIS,),
+    "directions": (AXIS,),
+    "plan": (READINGS,),
+}
+"""Option of the user → tables that it serves."""
+_ROUNDING = 1e-9
 _MOST_NAMED = 5
 """Columns without a use that are named."""
 _DECIMAL = "'decimal: {sign}' under 'text' of the mapping file"
+
+
+Place = tuple[float, float, float]
+"""m from the first corner of the box, X Y Z."""
 
 
 class _Cells(NamedTuple):
@@ -70,6 +90,7 @@ def _made(
     # Everything that the import was made with stays with it.
     further = {"mapping.yaml": mapping.text}
     facts = dict(mapping.facts)
+    _refuse_idle_options(source, mapping.table, options)
     if math.isnan(options.overrun):
         options = replace(options, overrun=mapping.overrun)
     if mapping.table == AXIS:
@@ -83,6 +104,17 @@ def _made(
     if mapping.table == LINES:
         return _lines(source, rows, mapping, options.overrun, facts, further)
     return _stream(source, rows, mapping, options, facts, further)
+
+
+def _refuse_idle_options(source: str, table: str, options: ImportOptions) -> None:
+    """Refuse what the user states and this kind of table has no use for."""
+    for name, serves in _OPTIONS.items():
+        if getattr(options, name) and table not in serves:
+            raise TableError(
+                f"{source}: --{name} has no effect on a table of {table}. Leave it out",
+                fault="mismatch",
+                about=f"--{name}",
+            )
 
 
 def _unused(text: str, source: str, mapping: TableMapping) -> list[str]:
@@ -367,10 +399,31 @@ def _lines(
         facts=facts,
         remarks=(
             *((OVERRUN_UNDETERMINED,) if untold else ()),
+            *_taken_at_the_corner(told, mapping),
             *overrun_passed_over(overrun, found.lines),
         ),
         chain=mapping.chain,
         further=further,
+    )
+
+
+def _taken_at_the_corner(stops: Sequence[TableRow], mapping: TableMapping) -> tuple[str, ...]:
+    """Say which lines along an axis are taken to be at the first corner, as nothing says where."""
+    assert mapping.volume is not None
+    corner = mapping.volume.origin
+    here = {
+        row.which.line
+        for row in stops
+        if row.which.kind == LINEAR
+        and not np.any(np.subtract(row.position, corner)[line_signs(row.which.line) == 0])
+    }
+    if not here or "x" in mapping.columns:
+        return ()
+    lines = f"line {min(here)}" if len(here) == 1 else f"lines {', '.join(sorted(here))}"
+    return (
+        f"{lines}: the table does not state the place, so the first corner of the box is taken."
+        " Name a line at another place by its distance from that corner in m, such as"
+        " z@0,0.29,0, or add columns for x, y and z",
     )
 
 
@@ -379,21 +432,21 @@ def _stops(
 ) -> Iterator[TableRow]:
     """Make the rows of a run table: where the machine stood follows from line and stop."""
     numbers = _Numbers(source, mapping)
-    repeats: dict[tuple[str, ...], dict[int, int]] = {}
-    before: PassKey | None = None
+    repeats: dict[tuple[object, ...], dict[int, int]] = {}
+    before: tuple[PassKey, Place] | None = None
     stop, last_time = 0, float("nan")
     for cells in rows:
-        name, order = _line_and_order(source, cells, mapping)
+        name, order, place = _line_order_and_place(source, cells, mapping, volume)
         direction = numbers.direction(cells) or FORWARD
-        counted = repeats.setdefault((name, order, direction), {})
+        counted = repeats.setdefault((name, order, direction, place), {})
         repeat = counted.setdefault(numbers.run(cells), len(counted))
         which = PassKey(kind_of(name, order), name, order, repeat, direction)
-        stop = stop + 1 if which == before else 0
-        before = which
+        stop = stop + 1 if (which, place) == before else 0
+        before = which, place
         if "stop" in cells.texts:
             what = f"'{mapping.columns['stop']}'"
             stop = whole_in(cells.texts["stop"], source, cells.row, what)
-        positions = Line(which.kind, name, order, repeat, direction).stops(volume)
+        positions = Line(which.kind, name, order, repeat, direction, offset=place).stops(volume)
         if stop >= len(positions):
             raise refusal(
                 source,
@@ -430,9 +483,11 @@ def _stops(
         )
 
 
-def _line_and_order(source: str, cells: _Cells, mapping: TableMapping) -> tuple[str, str]:
+def _line_order_and_place(
+    source: str, cells: _Cells, mapping: TableMapping, volume: Volume
+) -> tuple[str, str, Place]:
     known = {name for names in LINE_NAMES.values() for name in names}
-    name = cells.texts.get("line", mapping.line).lower()
+    name, _, place = cells.texts.get("line", mapping.line).lower().partition("@")
     if name not in known:
         raise refusal(
             source,
@@ -449,7 +504,28 @@ def _line_and_order(source: str, cells: _Cells, mapping: TableMapping) -> tuple[
         )
     if len(name) == 1 and order and "order" in cells.texts:
         raise refusal(source, cells.row, f"a line along one axis ({name}) has no order '{order}'")
-    return name, "" if len(name) == 1 else order
+    return name, "" if len(name) == 1 else order, _place(source, cells, name, place, volume)
+
+
+def _place(source: str, cells: _Cells, line: str, text: str, volume: Volume) -> Place:
+    """Return how far from the first corner a line lies, m, as plans name it: ``z@0,0.29,0``."""
+    if not text:
+        return (0.0, 0.0, 0.0)
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    side = np.asarray(volume.step) * volume.blocks * (line_signs(line) == 0)
+    if not np.all(np.abs([x, y, z]) <= side * (1.0 + _ROUNDING)):
+        raise refusal(
+            source,
+            cells.row,
+            f"the line is '{line}@{text}'; expected behind @ its distance from the first corner of"
+            " the box along X,Y,Z in m, such as z@0,0.29,0: 0 along the axes that it moves, and a"
+            " place in the box along the others",
+            fault="malformed",
+        )
+    return (x, y, z)
 
 
 def _stream(

@@ -255,7 +255,8 @@ def check_ends(diagonals: Sequence[DiagonalLength]) -> tuple[str, ...]:
         if one.same_approach is None:
             warnings.append(
                 f"diagonal {one.line}: it is not known that both ends were approached in the same"
-                " direction (no run beyond the ends), so the reversal error may be in its length"
+                " direction, so the reversal error may be in its length. A step diagonal always"
+                " begins at its end; a line of kind diagonal begins beyond it by overrun_m"
             )
     return tuple(warnings)
 

@@ -192,9 +192,13 @@ def test_the_house_s_table_of_an_axis_gives_the_same_test(tmp_path):
 )
 def test_a_cell_that_is_wrong_is_refused_with_its_row(path, name, old, new, said, tmp_path):
     copy = changed(path, old, new, tmp_path)
-    plan = read_text(find("quick", "plans"))
+    needed = {
+        "runs_in_columns": {"axis": "X"},
+        "rows_of_positions": {"axis": "X"},
+        "readings_in_time": {"plan": read_text(find("quick", "plans"))},
+    }
     with refused(TableError, said) as caught:
-        read_file(copy, by(name, axis="X", plan=plan))
+        read_file(copy, by(name, **needed.get(name, {})))
     assert str(copy) in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -363,3 +367,60 @@ def test_one_mapping_reads_all_files_of_a_measurement(tmp_path):
     assert {line.line.name for line in made.lines} == {"x", "y"}
     with refused(TableError):
         import_files([COLUMNS, DATA / "made_up_axis.rtl"], tmp_path / "b.mcap", both)
+
+
+def placed(tmp_path, *lines, **options):
+    """Import lines along Z, each of three stops, over a box of 80 × 60 × 50 mm."""
+    stops = [f"{name};{stop};{25 * stop}" for name in lines for stop in range(3)]
+    table = tmp_path / "z.csv"
+    table.write_text("\n".join(["Line;Stop;mm", *stops]))
+    mapping = tmp_path / "z.yaml"
+    columns = {"line": "Line", "stop": "Stop", "reading": "mm"}
+    volume = {"origin_m": [0.1, 0.2, 0.3], "step_m": [0.04, 0.03, 0.025], "blocks": 2}
+    mapping.write_text(
+        yaml.safe_dump(
+            {
+                "table": "lines",
+                "text": {"delimiter": "semicolon"},
+                "columns": columns,
+                "units": {"reading": "mm"},
+                "volume": volume,
+            }
+        )
+    )
+    return read_file(table, ImportOptions(mapping=str(mapping), **options))[1]
+
+
+def at_corner(made):
+    """Return the notes that a line is taken to be at the first corner."""
+    return [one for one in made.remarks if "first corner" in one]
+
+
+def test_a_line_elsewhere_is_placed_by_its_name(tmp_path):
+    made = placed(tmp_path, "z@0,0.06,0", "z@0.08,0,0")
+    assert [line.line.offset for line in made.lines] == [(0.0, 0.06, 0.0), (0.08, 0.0, 0.0)]
+    assert made.lines[0].target[0] == pytest.approx([0.1, 0.26, 0.3])
+    assert [line.setup for line in made.lines] == ["z@0,0.06,0", "z@0.08,0,0"]
+    assert not at_corner(made)
+
+
+def test_of_a_line_without_a_place_it_is_said_that_the_first_corner_was_taken(tmp_path):
+    made = placed(tmp_path, "z", "z@0,0.06,0")
+    assert [line.line.offset for line in made.lines] == [(0.0, 0.0, 0.0), (0.0, 0.06, 0.0)]
+    assert len(at_corner(made)) == 1
+
+
+@pytest.mark.parametrize(
+    "name", ["z@0,60,0", "z@0,0.06,0.01", "z@0,0.07,0", "z@0,x,0", "z@0,0.06", "z@nan,0,0"]
+)
+def test_a_place_that_cannot_be_is_refused_with_the_row(tmp_path, name):
+    with refused(TableError, "malformed", "row 2"):
+        placed(tmp_path, f'"{name}"')
+
+
+@pytest.mark.parametrize(
+    "options", [{"plan": "name: x"}, {"axis": "Z"}, {"standing": (0.0, 0.0, 0.0)}]
+)
+def test_an_option_that_has_no_effect_on_a_table_of_lines_is_refused(tmp_path, options):
+    with refused(TableError, "mismatch", about=f"--{next(iter(options))}"):
+        placed(tmp_path, "z", **options)

@@ -10,6 +10,7 @@ from datetime import date
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from dsi_unit import DsiUnit
 from lxml import etree
@@ -263,7 +264,13 @@ def test_the_weather_is_that_of_the_report(read, document):
 
 
 def test_a_run_without_temperature_states_that_it_is_unknown(materials):
-    read, root = in_xml(certificate(materials("whole"), stated()))
+    material = copy.copy(materials("whole"))
+    unknown = [
+        replace(line, environment=np.full_like(line.environment, np.nan))
+        for line in material.measurement.lines
+    ]
+    material.measurement = replace(material.measurement, lines=tuple(unknown))
+    read, root = in_xml(certificate(material, stated()))
     assert set(read.conditions()) == {"basic_temperature", "stepdiag_materialTemperature"}
     for data in read.conditions().values():
         assert set(data) == {"dcc:text"}

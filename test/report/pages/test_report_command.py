@@ -360,7 +360,10 @@ def test_the_document_has_the_numbers_of_the_page_in_si(document, solved, bag):
     assert told["measurement"]["bag"] == bag.name
     assert len(told["measurement"]["sha256"]) == 64
     assert told["measurement"]["place"] is None
-    assert told["measurement"]["weather"] == {}
+    # No sensor was recorded, and every line states the air at its stops.
+    stops = np.concatenate([line.environment for line in solved.measurement.lines])
+    air = told["measurement"]["weather"]["air_temperature"]
+    assert (air["mean"], air["values"]) == (pytest.approx(np.mean(stops[:, 0])), len(stops))
     assert {one["name"]: one["passes_complete"] for one in told["readings"]["lines"]} == {
         **dict.fromkeys(("x", "y", "z"), 4),
         **dict.fromkeys(("ppp XYZ", "npp XYZ", "pnp XYZ", "ppn XYZ"), 4),

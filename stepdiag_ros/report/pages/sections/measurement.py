@@ -11,6 +11,7 @@ import numpy as np
 from stepdiag_ros import __version__
 from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.evaluation.flown import FlownRun
+from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.on_the_fly.record import AxisDelay
 from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, STEP_DIAGONAL, Plan
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
@@ -140,12 +141,13 @@ def condition_facts(material: Material) -> list[Fact]:
     )
     facts = [one for one in _run_facts(material) if one.name in wanted]
     facts += [one for one in plan_facts(material) if one.name in ("Measured box", "Lines")]
-    for name, (mean, low, high, _) in weather_figures(material).items():
+    weather = weather_figures(material)
+    for name, (mean, low, high, _) in weather.items():
         words, unit, factor, decimals = _WEATHER[name]
         shown = [plain(value * factor, decimals) for value in (mean, low, high)]
         text = f"{shown[0]} {unit} ({shown[1]} to {shown[2]})"
         facts.append(Fact(f"{words[:1].upper()}{words[1:]}", text))
-    if not material.weather:
+    if not weather:
         facts.append(Fact("Weather", material.why_not("weather")))
     return [*facts, Fact("Temperature of the results", temperature_words(material))]
 
@@ -311,10 +313,16 @@ def _source_facts(material: Material) -> list[Fact]:
 
 
 def weather_figures(material: Material) -> dict[str, tuple[float, float, float, int]]:
-    """Return what of the weather was recorded: name → mean, smallest, largest, how many values."""
+    """Return what is known of the weather: name → mean, smallest, largest, how many values.
+
+    Without sensors, an imported table may state it for each stop.
+    """
     found = {}
+    stated = [np.asarray(line.environment) for line in material.measurement.lines]
     for name in _WEATHER:
         values = np.array([one.value for one in material.weather if one.name == name])
+        if not material.weather and stated:
+            values = np.concatenate(stated)[:, Environment._fields.index(name)]
         values = values[np.isfinite(values)]
         if values.size:
             found[name] = (
