@@ -61,6 +61,10 @@ _NO_PATTERN = (
     " and mirror aligned again: what comes back at the same stops is in the machine, the rest"
     " belonged to this run."
 )
+_WRONG_READING = (
+    "Compare the reading at {which} with what was noted there. Correct it in the table, or mark the"
+    " stop as rejected, and import the table again; of a recorded run, measure this line again."
+)
 
 
 def next_sentences(diagnosis: Diagnosis) -> list[str]:
@@ -71,6 +75,8 @@ def next_sentences(diagnosis: Diagnosis) -> list[str]:
     """
     if diagnosis.verdict != UNEXPLAINED:
         return []
+    if diagnosis.wrong_reading:
+        return [_WRONG_READING.format(which=diagnosis.wrong_reading)]
     wanted: dict[str, list[Pattern]] = {}
     for pattern in diagnosis.patterns or diagnosis.patterns_after:
         for advice in _advices(pattern):

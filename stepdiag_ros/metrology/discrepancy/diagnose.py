@@ -39,6 +39,10 @@ from stepdiag_ros.metrology.discrepancy.rotation_finding import (
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_NAME_LEVEL, Selection
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.variants import better_variant
+from stepdiag_ros.metrology.discrepancy.wrong_reading import (
+    clearly_wrong,
+    with_wrong_reading,
+)
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.effects.gross import gross_errors
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
@@ -107,20 +111,64 @@ def diagnose(
     """
     require_size_for(DIAGNOSIS, measurement.volume.blocks, measurement.stop_count)
     tell = progress or (lambda _: None)
+    model = _Model(tuple(known), tuple(fitted), curves, _effects(catalogue))
+    return _but_for_one_reading(measurement, model, seed, tell) or _compared(
+        measurement, model, seed, tell
+    )
+
+
+@dataclass(frozen=True)
+class _Model:
+    """What a run is compared with: see ``diagnose``."""
+
+    known: tuple[ActiveEffect, ...]
+    fitted: tuple[ActiveEffect, ...]
+    curves: Mapping[str, Sequence[float]] | None
+    effects: list[Effect]
+
+    def baseline(self, measurement: Measurement, stops: Stops) -> Baseline:
+        """Return the fitted baseline of a run."""
+        return fit_baseline(measurement, stops, self.known, self.fitted, self.curves)
+
+
+def _but_for_one_reading(
+    measurement: Measurement, model: _Model, seed: int, tell: Progress
+) -> Diagnosis | None:
+    """Return the diagnosis of a run of which one reading is wrong; None of any other."""
+    stops = steadied(stops_of(measurement))
+    if gross_errors(measurement):
+        return None
+    baseline = model.baseline(measurement, stops)
+    noise = estimate_noise(baseline, baseline.gap, stops, stated_noise(measurement))
+    if not np.isfinite(noise.size) or not noise.size > 0.0:
+        return None
+    wrong = clearly_wrong(baseline, stops, noise, measurement.plausible.rotation)
+    if wrong is None:
+        return None
+    tell("leaving out a reading that stands out")
+    rest = _compared(wrong.without(measurement), model, seed, tell)
+    if not np.isfinite(rest.noise):
+        return None
+    problem = whitened(baseline, rest.noise, rest.noise_correlation)
+    return with_wrong_reading(rest, wrong, problem, measurement)
+
+
+def _compared(measurement: Measurement, model: _Model, seed: int, tell: Progress) -> Diagnosis:
+    """Compare a run with a model; whether a single reading is wrong is not asked."""
     stops = steadied(stops_of(measurement))
     gross = gross_errors(measurement)
     if gross:
         return _gross(stops, gross)
     tell("fitting the baseline")
-    baseline = fit_baseline(measurement, stops, known, fitted, curves)
+    baseline = model.baseline(measurement, stops)
     stated = stated_noise(measurement)
     noise = estimate_noise(baseline, baseline.gap, stops, stated)
-    effects = _effects(catalogue)
+    effects = model.effects
     if not np.isfinite(noise.size) or not noise.size > 0.0:
         unknown = f"no pass of {LEAST_STOPS} stops or more is repeated, so the noise is unknown"
         return _not_testable(stops, baseline, noise, unknown)
-    taken = {(one.effect.name, one.effect.label(one.setting)) for one in fitted}
-    given = Loose(rotation=_typical((*known, *fitted)))
+    taken = {(one.effect.name, one.effect.label(one.setting)) for one in model.fitted}
+    given = Loose(rotation=_typical((*model.known, *model.fitted)))
     run = _Run(baseline, stops, effects, taken, seed, tell)
     result = run.once(noise, given)
     if result.problem.freedom <= baseline.loose.shape[1]:
@@ -137,7 +185,7 @@ def diagnose(
         diagnosis, evidence = _turning(run, result, diagnosis, stated)
     if diagnosis.verdict == verdicts.UNEXPLAINED and result.after.p_value < _GROSS_LEVEL:
         tell("trying whether a line has a wrong name")
-        names = mislabelled(measurement, known, noise)
+        names = mislabelled(measurement, model.known, noise)
         if names:
             words = "; or: ".join(names)
             return replace(

@@ -1,0 +1,140 @@
+"""A single wrong reading: a slip of the pen, a reading taken too early, a beam touched at one stop.
+
+It is not an effect of the machine, and whatever effects imitate it are false. So it is looked for
+before them: a reading whose own error stands out by far from all that is left of the run, beside
+rotations and zeros that scatter as is plausible. If the rest of the run agrees with the model, or
+has effects of the catalogue, that reading is wrong. Another pass must have read the same stop, so
+that a machine that is off at one place is not mistaken for it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag_ros.metrology.discrepancy import findings as verdicts
+from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened, whitened
+from stepdiag_ros.metrology.discrepancy.chance import tail
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Loose
+from stepdiag_ros.metrology.discrepancy.loose import LARGEST_WANDER, loosened
+from stepdiag_ros.metrology.discrepancy.noise import Noise
+from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.measurement import Measurement
+from stepdiag_ros.metrology.units import IN_MICRO
+
+_SEEN = 1e-3
+"""Share of a reading's own error beyond which the baseline does not follow it."""
+_SAME_STOP = 1e-6
+"""m."""
+_MOST = 64
+"""Readings that are looked at: those with the largest gap."""
+_CLEAR = 8.0
+"""Standard deviations, by what is left of the run, by which a wrong reading stands out."""
+
+
+@dataclass(frozen=True)
+class WrongReading:
+    """The reading whose own error would take most of the gap.
+
+    Attributes:
+        line: index of its pass in the measurement.
+        stop: number of the stop in the pass, from 0.
+        size: by how much it is off, m.
+    """
+
+    line: int
+    stop: int
+    size: float
+
+    def without(self, measurement: Measurement) -> Measurement:
+        """Return a measurement in which this stop has no reading."""
+        line = measurement.lines[self.line]
+        displacement = line.displacement.copy()
+        displacement[self.stop] = np.nan
+        lines = list(measurement.lines)
+        lines[self.line] = replace(line, displacement=displacement)
+        return replace(measurement, lines=tuple(lines))
+
+    def words(self, measurement: Measurement) -> str:
+        """Say which reading it is, for example ``stop 3 of ppp XYZ backward, repeat 0``."""
+        return f"stop {self.stop} of {measurement.lines[self.line].line}"
+
+
+def clearly_wrong(
+    baseline: Baseline, stops: Stops, noise: Noise, rotation: float
+) -> WrongReading | None:
+    """Return the reading that stands out by far from the rest; None if none does.
+
+    Args:
+        baseline: of the run.
+        stops: of the run.
+        noise: of a reading; a wrong reading that is in it does no harm.
+        rotation: plausible size of the rotations, rad.
+    """
+    plausible = Loose(zero=LARGEST_WANDER, rotation=rotation if stops.chain else 0.0)
+    loose = loosened(baseline, stops, plausible)
+    problem = whitened(loose, noise.size, noise.correlation)
+    good = np.flatnonzero(baseline.good)
+    rows = np.argsort(-np.abs(problem.gap[: len(good)]))[:_MOST]
+    own = problem.of(np.eye(len(good))[:, rows])
+    left = problem.projected(own)
+    square = np.sum(left**2, axis=0)
+    seen = square > _SEEN * np.sum(own**2, axis=0)
+    sizes = np.where(seen, left.T @ problem.gap / np.where(seen, square, 1.0), 0.0)
+    gains = sizes**2 * square
+    best = int(np.argmax(gains))
+    rest = (float(problem.gap @ problem.gap) - gains[best]) / max(problem.freedom - 1, 1)
+    stop = int(good[rows[best]])
+    if not gains[best] > _CLEAR**2 * rest or not _repeated(stop, good, stops):
+        return None
+    return WrongReading(int(stops.pass_index[stop]), int(stops.number[stop]), float(sizes[best]))
+
+
+def _repeated(stop: int, good: NDArray[np.int64], stops: Stops) -> bool:
+    """Say whether another pass of the setup has read the same stop."""
+    same = (stops.setup[good] == stops.setup[stop]) & (
+        stops.pass_index[good] != stops.pass_index[stop]
+    )
+    away = np.abs(stops.position[good] - stops.position[stop])
+    return bool(np.any(same & np.all(away <= _SAME_STOP, axis=1)))
+
+
+def with_wrong_reading(
+    rest: Diagnosis, wrong: WrongReading, problem: Whitened, measurement: Measurement
+) -> Diagnosis | None:
+    """Return the diagnosis of a run of which one reading is wrong; None if more is.
+
+    Args:
+        rest: diagnosis of the run without the reading.
+        wrong: the reading.
+        problem: the whole run, with the noise of the rest.
+        measurement: the run.
+    """
+    if rest.verdict not in (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS):
+        return None
+    which = wrong.words(measurement)
+    agrees = rest.verdict == verdicts.CONSISTENT
+    squares = float(problem.gap @ problem.gap)
+    chance = tail(np.array(squares), float(problem.freedom), rest.noise_degrees_of_freedom)
+    return replace(
+        rest,
+        verdict=verdicts.UNEXPLAINED,
+        sentence=(
+            "Model and run disagree"
+            f"{', but agree without one reading' if agrees else ', and one reading is wrong'}:"
+            f" {which} is off by {wrong.size * IN_MICRO:+.3g} µm."
+            f"{'' if agrees else f' Without it: {rest.sentence}'}"
+        ),
+        findings=(),
+        partial=rest.findings,
+        description=None,
+        wrong_reading=which,
+        chi_squared_before=squares,
+        degrees_of_freedom_before=problem.freedom,
+        lack_of_fit_p_before=float(chance),
+        residual_before=problem.baseline.spread(problem.readings(problem.gap)),
+        where=(f"Mostly at {which} alone.",),
+        where_after=(),
+        patterns=(),
+        patterns_after=(),
+    )
