@@ -16,8 +16,9 @@ from stepdiag_ros.words.next_measurement import _ADVICE, _SETTLING, next_sentenc
 class _Found:
     """As much of a diagnosis as is asked for."""
 
-    def __init__(self, verdict, *looks, after=()):
+    def __init__(self, verdict, *looks, after=(), wrong_reading=""):
         self.verdict, self.patterns, self.patterns_after = verdict, looks, after
+        self.wrong_reading = wrong_reading
 
 
 def look(with_what, lines=("x",), place="the moves"):
@@ -79,3 +80,9 @@ def test_without_a_pattern_there_is_still_something_to_do_and_otherwise_nothing_
 
 def test_temperatures_are_among_what_was_tried(stops):
     assert np.ptp(stops.air_temperature) > 0.0 and np.ptp(stops.material_temperature) > 0.0
+
+
+def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
+    found = _Found(UNEXPLAINED, look("growing with time"), wrong_reading="stop 3 of x forward")
+    (advice,) = next_sentences(found)
+    assert "stop 3 of x forward" in advice and "opposite order" not in advice
