@@ -122,7 +122,7 @@ def with_wrong_reading(
         sentence=(
             "Model and run disagree"
             f"{', but agree without one reading' if agrees else ', and one reading is wrong'}:"
-            f" {which} is off by {wrong.size * IN_MICRO:+.3g} µm."
+            f" {which} is off by about {wrong.size * IN_MICRO:+.2g} µm."
             f"{'' if agrees else f' Without it: {rest.sentence}'}"
         ),
         findings=(),
