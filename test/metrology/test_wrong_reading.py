@@ -37,6 +37,8 @@ def test_a_wrong_reading_is_named_with_its_size(seed, size):
     assert np.isnan(left) and np.isnan(found.residual_after[row])
     assert found.noise == pytest.approx(NOISE, rel=0.3)
     assert found.lack_of_fit_p_after > 0.002 > found.lack_of_fit_p_before
+    # The picture of the gap is that of the whole run.
+    assert max(one.rms for one in found.map) > 3.0 * found.noise
     (advice,) = next_sentences(found)
     assert which in advice
 

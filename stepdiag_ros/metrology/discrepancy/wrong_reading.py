@@ -16,6 +16,7 @@ from stepdiag_ros.metrology.discrepancy import findings as verdicts
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened, whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail
 from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Loose
+from stepdiag_ros.metrology.discrepancy.locate import gap_map
 from stepdiag_ros.metrology.discrepancy.loose import LARGEST_WANDER, loosened
 from stepdiag_ros.metrology.discrepancy.noise import Noise
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -114,7 +115,7 @@ def with_wrong_reading(
         return None
     which = wrong.words(measurement)
     agrees = rest.verdict == verdicts.CONSISTENT
-    squares = float(problem.gap @ problem.gap)
+    squares, none = float(problem.gap @ problem.gap), np.zeros((len(problem.gap), 0))
     chance = tail(np.array(squares), float(problem.freedom), rest.noise_degrees_of_freedom)
     return replace(
         rest,
@@ -135,6 +136,7 @@ def with_wrong_reading(
         residual_before=problem.baseline.spread(problem.readings(problem.gap)),
         where=(f"Mostly at {which} alone.",),
         where_after=(),
+        map=gap_map(problem, problem.gap, none, rest.stops, rest.noise_degrees_of_freedom),
         patterns=(),
         patterns_after=(),
     )
