@@ -9,6 +9,7 @@ from standard_runs import PLAN, measured
 from stepdiag_ros.metrology.discrepancy import patterns
 from stepdiag_ros.metrology.discrepancy.findings import CONSISTENT, UNEXPLAINED, Pattern
 from stepdiag_ros.metrology.discrepancy.patterns import JUMP
+from stepdiag_ros.metrology.discrepancy.wrong_reading import WrongReading
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.words.next_measurement import _ADVICE, _SETTLING, next_sentences
 
@@ -86,3 +87,9 @@ def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
     found = _Found(UNEXPLAINED, look("growing with time"), wrong_reading="stop 3 of x forward")
     (advice,) = next_sentences(found)
     assert "stop 3 of x forward" in advice and "opposite order" not in advice
+
+
+def test_a_wrong_reading_is_called_by_its_stop_and_its_pass():
+    _, run = measured(PLAN)
+    for number in (0, len(run.lines) - 1):
+        assert WrongReading(number, 3, 1e-6).words(run) == f"stop 3 of {run.lines[number].line}"
