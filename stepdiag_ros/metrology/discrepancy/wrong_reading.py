@@ -77,7 +77,9 @@ def clearly_wrong(
     problem = whitened(loose, noise.size, noise.correlation)
     good = np.flatnonzero(baseline.good)
     rows = np.argsort(-np.abs(problem.gap[: len(good)]))[:_MOST]
-    own = problem.of(np.eye(len(good))[:, rows])
+    single = np.zeros((len(good), len(rows)))
+    single[rows, np.arange(len(rows))] = 1.0
+    own = problem.of(single)
     left = problem.projected(own)
     square = np.sum(left**2, axis=0)
     seen = square > _SEEN * np.sum(own**2, axis=0)
