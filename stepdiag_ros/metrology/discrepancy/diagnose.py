@@ -112,9 +112,27 @@ def diagnose(
     require_size_for(DIAGNOSIS, measurement.volume.blocks, measurement.stop_count)
     tell = progress or (lambda _: None)
     model = _Model(tuple(known), tuple(fitted), curves, _effects(catalogue))
-    return _but_for_one_reading(measurement, model, seed, tell) or _compared(
-        measurement, model, seed, tell
-    )
+    gross = gross_errors(measurement)
+    if gross:
+        return _gross(steadied(stops_of(measurement)), gross)
+    tell("fitting the baseline")
+    start = model.start(measurement)
+    return _but_for_one_reading(start, model, seed, tell) or _compared(start, model, seed, tell)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A run with its fitted baseline and the noise that its repeats show."""
+
+    measurement: Measurement
+    stops: Stops
+    baseline: Baseline
+    noise: Noise
+
+    @property
+    def noise_is_known(self) -> bool:
+        """Tell whether the noise could be estimated."""
+        return bool(np.isfinite(self.noise.size) and self.noise.size > 0.0)
 
 
 @dataclass(frozen=True)
@@ -126,45 +144,38 @@ class _Model:
     curves: Mapping[str, Sequence[float]] | None
     effects: list[Effect]
 
-    def baseline(self, measurement: Measurement, stops: Stops) -> Baseline:
-        """Return the fitted baseline of a run."""
-        return fit_baseline(measurement, stops, self.known, self.fitted, self.curves)
+    def start(self, measurement: Measurement) -> _Start:
+        """Fit the baseline of a run and estimate its noise."""
+        stops = steadied(stops_of(measurement))
+        baseline = fit_baseline(measurement, stops, self.known, self.fitted, self.curves)
+        noise = estimate_noise(baseline, baseline.gap, stops, stated_noise(measurement))
+        return _Start(measurement, stops, baseline, noise)
 
 
 def _but_for_one_reading(
-    measurement: Measurement, model: _Model, seed: int, tell: Progress
+    start: _Start, model: _Model, seed: int, tell: Progress
 ) -> Diagnosis | None:
     """Return the diagnosis of a run of which one reading is wrong; None of any other."""
-    stops = steadied(stops_of(measurement))
-    if gross_errors(measurement):
+    if not start.noise_is_known:
         return None
-    baseline = model.baseline(measurement, stops)
-    noise = estimate_noise(baseline, baseline.gap, stops, stated_noise(measurement))
-    if not np.isfinite(noise.size) or not noise.size > 0.0:
-        return None
-    wrong = clearly_wrong(baseline, stops, noise, measurement.plausible.rotation)
+    measurement = start.measurement
+    wrong = clearly_wrong(start.baseline, start.stops, start.noise, measurement.plausible.rotation)
     if wrong is None:
         return None
     tell("leaving out a reading that stands out")
-    rest = _compared(wrong.without(measurement), model, seed, tell)
+    rest = _compared(model.start(wrong.without(measurement)), model, seed, tell)
     if not np.isfinite(rest.noise):
         return None
-    problem = whitened(baseline, rest.noise, rest.noise_correlation)
+    problem = whitened(start.baseline, rest.noise, rest.noise_correlation)
     return with_wrong_reading(rest, wrong, problem, measurement)
 
 
-def _compared(measurement: Measurement, model: _Model, seed: int, tell: Progress) -> Diagnosis:
+def _compared(start: _Start, model: _Model, seed: int, tell: Progress) -> Diagnosis:
     """Compare a run with a model; whether a single reading is wrong is not asked."""
-    stops = steadied(stops_of(measurement))
-    gross = gross_errors(measurement)
-    if gross:
-        return _gross(stops, gross)
-    tell("fitting the baseline")
-    baseline = model.baseline(measurement, stops)
-    stated = stated_noise(measurement)
-    noise = estimate_noise(baseline, baseline.gap, stops, stated)
+    stops, baseline, noise = start.stops, start.baseline, start.noise
+    stated = stated_noise(start.measurement)
     effects = model.effects
-    if not np.isfinite(noise.size) or not noise.size > 0.0:
+    if not start.noise_is_known:
         unknown = f"no pass of {LEAST_STOPS} stops or more is repeated, so the noise is unknown"
         return _not_testable(stops, baseline, noise, unknown)
     taken = {(one.effect.name, one.effect.label(one.setting)) for one in model.fitted}
@@ -185,7 +196,7 @@ def _compared(measurement: Measurement, model: _Model, seed: int, tell: Progress
         diagnosis, evidence = _turning(run, result, diagnosis, stated)
     if diagnosis.verdict == verdicts.UNEXPLAINED and result.after.p_value < _GROSS_LEVEL:
         tell("trying whether a line has a wrong name")
-        names = mislabelled(measurement, model.known, noise)
+        names = mislabelled(start.measurement, model.known, noise)
         if names:
             words = "; or: ".join(names)
             return replace(
