@@ -13,7 +13,7 @@ from stepdiag_ros.metrology.checking import UNKNOWN, Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
 from stepdiag_ros.metrology.machine import told_rotations
 from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, Volume
-from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY
+from stepdiag_ros.metrology.plausible import ORDINARY, ROTATIONS_KEY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.text.intake import parse_yaml
 
@@ -41,7 +41,8 @@ class Case:
 
     Attributes:
         chain: order of the axes from workpiece to tool, for example YXZ; empty if unknown.
-        rotations: plausible size of the axes' rotations, rad; see ``metrology.plausible``.
+        rotations: plausible size of the axes' rotations, rad (``metrology.plausible``); None if
+            unknown.
         volume: the measured box; None if origin, step and blocks are to be seen from the positions.
         dead_path: from the laser's reference to the mirror at the first stop of a line, m; NaN if
             unknown.
@@ -55,7 +56,7 @@ class Case:
     """
 
     chain: str = ""
-    rotations: float = CLASSES[DEFAULT_CLASS]
+    rotations: float | None = None
     volume: Volume | None = None
     dead_path: float = float("nan")
     reading_noise: float = float("nan")
@@ -75,6 +76,16 @@ class Case:
     def overrun(self) -> float:
         """Return how far beyond its first stop each line but a step diagonal was begun, m."""
         return float(self.plan.get("overrun_m", 0.0))
+
+    @property
+    def plausible(self) -> Plausible:
+        """Return what may act unseen: the ordinary, unless the file states the rotations."""
+        return ORDINARY if self.rotations is None else Plausible(rotation=self.rotations)
+
+    @property
+    def tells_of_the_machine(self) -> bool:
+        """Say whether anything but a name is known of the machine."""
+        return bool(self.chain or self._turning() or self._optical())
 
     def machine_text(self, source: str) -> str:
         """Return the YAML text of what is known of the machine, for the description of a run."""
@@ -99,8 +110,7 @@ class Case:
         return _yaml({**told, **self.plan, **self._optical(), **facts})
 
     def _turning(self) -> dict[str, Any]:
-        usual = self.rotations == CLASSES[DEFAULT_CLASS]
-        return {} if usual else {ROTATIONS_KEY: self.rotations}
+        return {} if self.rotations is None else {ROTATIONS_KEY: self.rotations}
 
     def _optical(self) -> dict[str, Any]:
         told: dict[str, Any] = {

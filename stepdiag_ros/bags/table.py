@@ -18,7 +18,6 @@ from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import parse_rows, read_text
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.plausible import Plausible
 
 
 @dataclass(frozen=True)
@@ -87,9 +86,7 @@ def load_table(
         text=text,
         data=path.read_bytes(),
         case=told,
-        measurement=Measurement(
-            found.plan.volume, found.lines, told.chain, Plausible(rotation=told.rotations)
-        ),
+        measurement=Measurement(found.plan.volume, found.lines, told.chain, told.plausible),
         plan_text=found.text,
         setups=found.setups,
     )

@@ -28,6 +28,7 @@ from stepdiag_ros.bags.table_rows import (
 from stepdiag_ros.metrology.checking import UNKNOWN
 from stepdiag_ros.metrology.measurement import Environment, MeasuredLine, latest_attempts
 from stepdiag_ros.metrology.plan import COURSE_KEYS, Line
+from stepdiag_ros.metrology.plausible import ROTATIONS_KEY, size_of
 from stepdiag_ros.text.intake import parse_yaml
 
 TABLE_NAME = "run"
@@ -97,8 +98,9 @@ def _case(run: RecordedRun, lines: Sequence[MeasuredLine], plan: Mapping[str, An
     known = {key: plan[key] for key in COURSE_KEYS if key in plan and key not in _LINES}
     # What an import would write into the plan by itself.
     assumed = {"name": f"imported from {TABLE_NAME}.csv", "feed_m_per_s": UNKNOWN}
-    noises = {float(value) for line in lines for value in line.standard_uncertainty}
     machine = run.machine
+    noises = {float(value) for line in lines for value in line.standard_uncertainty}
+    machine = machine
     dead_path = machine.get("dead_path_m", float("nan"))
     if not isinstance(dead_path, int | float) or not abs(dead_path) < _FARTHEST:
         dead_path = float("nan")
@@ -110,6 +112,7 @@ def _case(run: RecordedRun, lines: Sequence[MeasuredLine], plan: Mapping[str, An
         told = {**told, SIMULATED_CELL: run.simulated_cell}
     return Case(
         chain=run.chain,
+        rotations=size_of(machine[ROTATIONS_KEY]) if ROTATIONS_KEY in machine else None,
         volume=run.volume,
         dead_path=float(dead_path),
         reading_noise=noises.pop() if len(noises) == 1 else float("nan"),

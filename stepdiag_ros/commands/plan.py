@@ -209,6 +209,15 @@ def _add_files(parser: ArgumentParser) -> None:
         " for the operator (_sheet.txt)",
     )
     group.add_argument(
+        "--table",
+        type=Path,
+        nargs="?",
+        const=Path(),
+        metavar="FILE",
+        help="write an empty table with a row for each stop, to be filled in by hand (default:"
+        " beside the plan, _readings.csv), and beside it the mapping for 'stepdiag import' (.yaml)",
+    )
+    group.add_argument(
         "--picture",
         type=Path,
         metavar="FILE",
@@ -286,7 +295,7 @@ def run(arguments: Namespace) -> int:
     noise = findings.of(lambda: _noise(arguments), StopNoise(1e-6, 0.0))
     assumptions = findings.of(lambda: _assumptions(arguments), Assumptions())
     proposal: PlanProposal | None = None
-    stem = None
+    stem = Path(arguments.check or "")
     if arguments.check is not None:
         plan = findings.of(lambda: _standing_plan(arguments.check), None)
         findings.refuse()
@@ -348,9 +357,6 @@ def _find_what_does_not_go_together(arguments: Namespace, findings: "Findings") 
         if getattr(arguments, name) not in (None, False):
             words = f"--{option} goes with --for: a plan that is there is not changed"
             findings.found.append(Refusal(words, fault="mismatch", about=f"--{option}"))
-    if arguments.nc == Path():
-        words = "with --check, --nc needs the name of the file to write"
-        findings.found.append(Refusal(words, fault="missing", about="--nc"))
 
 
 def _standing_plan(name: str) -> "Plan":
@@ -464,50 +470,70 @@ def _request(
 
 
 def _files(
-    arguments: Namespace,
-    assessment: "Assessment",
-    proposal: "PlanProposal | None",
-    stem: Path | None,
+    arguments: Namespace, assessment: "Assessment", proposal: "PlanProposal | None", stem: Path
 ) -> "dict[Path, bytes]":
-    """Return the content of every file that is to be written."""
-    from stepdiag_ros.planning.moves import program_of
-    from stepdiag_ros.planning.nc_writing import Dialect
-    from stepdiag_ros.planning.operator_sheet import operator_sheet
+    """Return the content of every file that is to be written.
+
+    Args:
+        arguments: of the command.
+        assessment: of the plan.
+        proposal: None if the plan was there before.
+        stem: file of the plan, or its name.
+    """
     from stepdiag_ros.planning.plan_text import plan_text
+    from stepdiag_ros.planning.reading_table import reading_table, table_mapping
     from stepdiag_ros.report.plan_files import frontier_bytes, picture_bytes
     from stepdiag_ros.report.tables.plan import head_of_plan
 
     files: dict[Path, bytes] = {}
-    if stem is not None and proposal is not None:
+    picture = arguments.picture
+    if proposal is not None:
         text = plan_text(assessment.plan, head_of_plan(assessment, proposal))
         files[stem] = text.encode("utf-8")
+        if picture is None and not arguments.no_picture:
+            picture = stem.with_suffix(".png")
     if arguments.nc is not None:
-        dialect = Dialect(
-            dwell=arguments.nc_dwell,
-            decimals=arguments.nc_decimals,
-            percent=not arguments.nc_no_percent,
-            program_number=arguments.nc_number,
-            line_numbers=arguments.nc_line_numbers,
-        )
-        path = stem.with_suffix(".nc") if arguments.nc == Path() and stem else arguments.nc
-        files[path] = program_of(assessment.plan, assessment.machine, dialect).encode("ascii")
-        sheet = operator_sheet(
-            assessment.plan,
-            assessment.machine,
-            path.name,
-            str(stem or arguments.check),
-            assessment.duration.assumptions,
-        )
-        files[path.with_name(f"{path.stem}_sheet.txt")] = sheet.encode("utf-8")
-    picture = arguments.picture
-    if picture is None and stem is not None and not arguments.no_picture:
-        picture = stem.with_suffix(".png")
+        files |= _program(arguments, assessment, stem)
+    if arguments.table is not None:
+        table = arguments.table
+        if table == Path():
+            table = stem.with_name(f"{stem.stem}_readings.csv")
+        files[table] = reading_table(assessment.plan).encode("utf-8")
+        mapping = table_mapping(assessment.plan, assessment.machine)
+        files[table.with_suffix(".yaml")] = mapping.encode("utf-8")
     if picture is not None:
         files[picture] = picture_bytes(assessment.plan, assessment.machine, picture)
         if proposal is not None and len(proposal.front) > 1:
             beside = picture.with_stem(f"{picture.stem}_frontier")
             files[beside] = frontier_bytes(proposal, beside)
     return files
+
+
+def _program(arguments: Namespace, assessment: "Assessment", stem: Path) -> "dict[Path, bytes]":
+    """Return the NC program of a plan and the operator's sheet."""
+    from stepdiag_ros.planning.moves import program_of
+    from stepdiag_ros.planning.nc_writing import Dialect
+    from stepdiag_ros.planning.operator_sheet import operator_sheet
+
+    dialect = Dialect(
+        dwell=arguments.nc_dwell,
+        decimals=arguments.nc_decimals,
+        percent=not arguments.nc_no_percent,
+        program_number=arguments.nc_number,
+        line_numbers=arguments.nc_line_numbers,
+    )
+    path = stem.with_suffix(".nc") if arguments.nc == Path() else arguments.nc
+    sheet = operator_sheet(
+        assessment.plan,
+        assessment.machine,
+        path.name,
+        str(stem),
+        assessment.duration.assumptions,
+    )
+    return {
+        path: program_of(assessment.plan, assessment.machine, dialect).encode("ascii"),
+        path.with_name(f"{path.stem}_sheet.txt"): sheet.encode("utf-8"),
+    }
 
 
 COMMAND = Command(
@@ -530,5 +556,6 @@ COMMAND = Command(
     "  stepdiag plan --for volumetric --machine demo --until 20um --time 2h\n"
     "  stepdiag plan --for squareness --travel 0.8 0.5 0.4 --chain YXZ --until 20urad\n"
     "  stepdiag plan --for straightness --machine demo --until 6um --nc\n"
+    "  stepdiag plan --for volumetric --machine my_machine.yaml --table\n"
     "  stepdiag plan --check my_plan.yaml --machine my_machine.yaml --nc my_plan.nc",
 )

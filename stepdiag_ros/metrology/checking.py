@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from stepdiag_ros.metrology.refusal import Fault, Findings, Refusal
 from stepdiag_ros.metrology.spelling import nearest, suggestion
+from stepdiag_ros.metrology.units import MILLI
 
 UNKNOWN = "unknown"
 """What a file says where a number is not known."""
@@ -138,7 +139,7 @@ class Section:
         except OverflowError:
             number = inf
         if not low <= number <= high:
-            expected = f"a number from {low:g} to {high:g}{_unit_of(key)}"
+            expected = f"a number {_range_of(key, low, high, number)}"
             raise self._wrong(key, value, expected, fault="out_of_range")
         return number
 
@@ -247,26 +248,26 @@ class Section:
             raise self._wrong(key, value, "a list of numbers", "malformed")
         if count is not None and len(value) != count:
             expected = f"a list of {count} numbers"
-            whole = all(isinstance(one, int) for one in value)
-            if whole and count < len(value) <= 2 * count:
-                expected += " (with a decimal point: 0.8, not 0,8)"
+            torn = all(isinstance(one, int) or ";" in str(one) for one in value)
+            if torn and count < len(value) <= 2 * count:
+                expected += " (with commas between them and decimal points: 0.8, not 0,8)"
             raise self._wrong(key, value, expected, fault="malformed")
         item = Section({f"{key}[{i}]": entry for i, entry in enumerate(value)}, self._source)
         return tuple(item.number(f"{key}[{i}]") for i in range(len(value)))
 
     def vector(
-        self, key: str, low: float = -1e3, high: float = 1e3, default: Any = _MISSING
+        self, key: str, low: float = -100.0, high: float = 100.0, default: Any = _MISSING
     ) -> tuple[float, float, float]:
         """Return three numbers (X, Y, Z), each within [low, high]."""
         x, y, z = self.numbers(key, count=3, default=default)
         for value in (x, y, z):
             if not low <= value <= high:
-                expected = f"three numbers from {low:g} to {high:g}{_unit_of(key)}"
+                expected = f"three numbers {_range_of(key, low, high, value)}"
                 raise self._wrong(key, [x, y, z], expected, fault="out_of_range")
         return x, y, z
 
     def vectors(
-        self, key: str, low: float = -1e3, high: float = 1e3
+        self, key: str, low: float = -100.0, high: float = 100.0
     ) -> tuple[tuple[float, float, float], ...]:
         """Return a list of at least one triple of numbers (X, Y, Z), each within [low, high]."""
         value = self._take(key, _MISSING)
@@ -315,7 +316,11 @@ class Section:
         findings.refuse()
 
 
-def _unit_of(key: str) -> str:
-    """Return the unit that the name of a key ends with, such as `` m/s``; empty for none."""
+def _range_of(key: str, low: float, high: float, value: float) -> str:
+    """Return the range of a key's values with their unit, and what a value beyond it may be."""
     name = key.partition("[")[0]
-    return next((f" {unit}" for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+    unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+    said = f"from {low:g} to {high:g} {unit}".rstrip()
+    if unit == "m" and value and low <= value * MILLI <= high:
+        return f"{said}; {value:g} mm is {value * MILLI:g}"
+    return said

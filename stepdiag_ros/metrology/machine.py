@@ -67,6 +67,7 @@ class Machine:
                 "acceleration_m_per_s2",
             )
         )
+        rotations = told_rotations(section)
         machine = cls(
             name=section.text("name", default="unnamed"),
             chain=section.names("chain", CHAINS)[0],
@@ -80,7 +81,7 @@ class Machine:
             position_hold_s=section.number(
                 "position_hold_s", low=0.0, high=60.0, default=cls.position_hold_s
             ),
-            rotations=told_rotations(section),
+            rotations=CLASSES[DEFAULT_CLASS] if rotations is None else rotations,
             zero_drift_m_per_s=section.number(
                 "zero_drift_m_per_s", low=0.0, high=1e-6, default=cls.zero_drift_m_per_s
             ),
@@ -115,14 +116,14 @@ def _travel(section: Section, key: str) -> tuple[float, float, float]:
     return limits
 
 
-def told_rotations(section: Section) -> float:
-    """Return the plausible size of rotations in a file's section, rad; that of the usual class.
+def told_rotations(section: Section) -> float | None:
+    """Return the plausible size of rotations that a file's section states, rad; None without one.
 
     Raises:
         ValueError: it is neither a class of machine nor a size.
     """
-    told = section.given([ROTATIONS_KEY]).get(ROTATIONS_KEY, DEFAULT_CLASS)
+    told = section.given([ROTATIONS_KEY])
     try:
-        return size_of(told)
+        return size_of(told[ROTATIONS_KEY]) if told else None
     except ValueError as wrong:
         raise ValueError(f"{section.source}: '{ROTATIONS_KEY}': {wrong}") from None

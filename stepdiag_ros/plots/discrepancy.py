@@ -90,9 +90,8 @@ def gap_map(
         )
         _mark_negative(panel, shown, reach)
         rms, largest = rms_and_largest(gap)
-        panel_title(
-            panel, f"{when}: rms {rms * IN_MICRO:.3f} µm, largest {largest * IN_MICRO:.2f} µm"
-        )
+        sizes = f"rms {rms * IN_MICRO:.3f} µm, largest {largest * IN_MICRO:.2f} µm"
+        panel_title(panel, f"{when}: {sizes}" if len(gaps) > 1 else sizes)
         scales(panel, "stop along the pass")
         panel.xaxis.get_major_locator().set_params(integer=True)
         for border in np.flatnonzero(np.diff(_setups_of_passes(stops))):
@@ -130,7 +129,7 @@ def _draw_scale(figure: Figure, beside: Axes, mesh: Any, reach: float) -> None:
         (place.x1 + 0.12 / width, place.y0 + 0.1 * place.height, 0.13 / width, 0.8 * place.height)
     )
     bar = figure.colorbar(mesh, cax=axes, extend="both")
-    bar.set_label("measured minus simulated / µm", fontsize=LABEL_SIZE)
+    bar.set_label("reading minus model / µm", fontsize=LABEL_SIZE)
     bar.set_ticks([-reach, -0.5 * reach, 0.0, 0.5 * reach, reach])
     bar.ax.set_yticklabels([f"{share * reach:.2g}" for share in (-1.0, -0.5, 0.0, 0.5, 1.0)])
     bar.ax.tick_params(labelsize=SMALL_SIZE)
@@ -196,7 +195,8 @@ def gap_where(
         if sheet.first_in_row(number):
             scales(panel, up="rms of the gap / µm")
     said = "What the free values of the model take up of the noise makes the gap smaller than it."
-    heading = "Where the gap is, before anything was added to the model"
+    added = ", before anything was added to the model" if found_in(diagnosis) else ""
+    heading = f"Where the gap is{added}"
     return sheet.finish(heading if title is None else title, small_print=[said], stamp=stamp)
 
 
@@ -332,10 +332,10 @@ def gap_along_lines(
     sheet = Sheet(len(names), _COLUMNS, 1.3, axes=axes, share_up=True, gap=(0.2, 0.55))
     way = np.sum(stops.direction * (stops.position - stops.start), axis=1) * IN_MILLI
     shown = [(BEFORE, diagnosis.residual_before)]
-    more = [(sample(BEFORE), "before")]
+    more = []
     if found_in(diagnosis):
         shown.append((AFTER, diagnosis.residual_after))
-        more.append((sample(AFTER), "after"))
+        more = [(sample(BEFORE), "before"), (sample(AFTER), "after")]
     for number, (panel, name) in enumerate(zip(sheet.panels, names, strict=True)):
         own = [index for index, line in enumerate(stops.lines) if line.name == name]
         for style, gap in shown:
@@ -346,7 +346,7 @@ def gap_along_lines(
             half = COVERAGE_FACTOR * diagnosis.noise * IN_MICRO
             panel.axhspan(-half, half, color="0.85", zorder=0, label="95 % of the noise")
         panel_title(panel, name)
-        up = "measured - simulated / µm" if sheet.first_in_row(number) else ""
+        up = "reading - model / µm" if sheet.first_in_row(number) else ""
         scales(panel, "along the beam / mm" if sheet.last_in_column(number) else "", up)
     heading = "The gap along every line, one trace a pass"
     return sheet.finish(heading if title is None else title, more=more, stamp=stamp)

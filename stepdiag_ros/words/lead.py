@@ -50,6 +50,7 @@ _TESTED = {
     CONSISTENT: "",
     NOT_TESTABLE: " No reading of this run could contradict the errors below; they are not tested.",
     NOT_DIAGNOSED: "",
+    UNEXPLAINED: " Whatever causes this distorts the errors below, too.",
 }
 _NEED_EVEN = "Error curves and the diagnosis need evenly spaced targets."
 _NOT_REPEATED = " No line was repeated: repeatability, reversal and drift were not seen."

@@ -24,6 +24,7 @@ from stepdiag_ros.configuration import cell_from_text, find, read_text
 from stepdiag_ros.evaluation.solving import solve_reproducibly
 from stepdiag_ros.metrology.geometry import CHAINS, move_orders
 from stepdiag_ros.metrology.plan import DIAGONAL, LINE_NAMES, LINEAR, STEP_DIAGONAL, Plan
+from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 
@@ -133,9 +134,12 @@ def runs(draw):
     return yaml.safe_dump(written), tuple(made)
 
 
-def write(path, plan, lines, chain):
-    machine = yaml.safe_dump({"name": "Portal 4", **({"chain": list(chain)} if chain else {})})
-    write_bag(path, ToWrite("r", "a plan", "none", plan, machine, lines=lines))
+def write(path, plan, lines, chain, rotations=None):
+    machine = {"name": "Portal 4"}
+    machine |= {"chain": list(chain)} if chain else {}
+    machine |= {} if rotations is None else {ROTATIONS_KEY: rotations}
+    text = yaml.safe_dump(machine)
+    write_bag(path, ToWrite("r", "a plan", "none", plan, text, lines=lines))
 
 
 def same(one, other):
@@ -167,6 +171,18 @@ def test_every_run_comes_back_from_its_tables(made, chain):
         assert first.volume == again.volume
         for one, other in zip(first.lines, again.lines, strict=True):
             same(one, other)
+
+
+@pytest.mark.parametrize("stated", [None, "large_machine", 0.0])
+def test_the_size_of_rotations_comes_back_if_it_was_stated(tmp_path, stated):
+    plan = yaml.safe_load(read_text(find("quick", "plans")))
+    lines = simulate(Plan.from_mapping(plan, "plan"), CELL).lines
+    write(tmp_path / "a.mcap", yaml.safe_dump(plan), lines, "YXZ", stated)
+    export_bag(tmp_path / "a.mcap", tmp_path / "out")
+    import_table(tmp_path / "out" / "run.csv", None, tmp_path / "b.mcap")
+    before, after = load_run(tmp_path / "a.mcap"), load_run(tmp_path / "b.mcap")
+    assert after.measurement.plausible == before.measurement.plausible
+    assert (ROTATIONS_KEY in after.machine) == (stated is not None)
 
 
 @pytest.mark.parametrize("name", ["ibaraki_hata_2010", "move_orders", "iso230_6_face", "kimm"])
@@ -319,6 +335,17 @@ def test_a_wrong_key_of_a_mapping_is_refused(where, key, fault):
     }
     with refused(Refusal, fault, key):
         mapping_of(mapping, "mapping.yaml", "")
+
+
+@pytest.mark.parametrize(
+    ("box", "key"),
+    [({"origin_m": [500, 500, -300]}, "origin_m"), ({"step_m": [30, 30, 30]}, "step_m")],
+)
+def test_a_box_in_millimetres_is_refused_and_answered_in_metres(box, key):
+    volume = {"origin_m": [0, 0, 0], "step_m": [1, 1, 1], "blocks": 1, **box}
+    with refused(Refusal, "out_of_range", about=key) as caught:
+        mapping_of({**MAPPING, "volume": volume}, "mapping.yaml", "")
+    assert {"mm", f"{box[key][0] / 1000:g}"} <= set(str(caught.value).split())
 
 
 def test_a_run_on_nodes_comes_back_from_its_tables(tmp_path):

@@ -54,6 +54,11 @@ def test_a_proposal_is_written_and_shown(folder, capsys):
     assert "E_BY" in head and head.startswith("# Proposed by stepdiag ") and "30 m/min" in head
 
 
+def test_the_program_of_a_plan_that_is_there_is_named_after_it(folder):
+    assert cli.main(["plan", "--check", "quick", "--machine", "demo", "--nc"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"quick.nc", "quick_sheet.txt"}
+
+
 def test_what_was_written_checks_as_what_was_proposed(folder, capsys):
     assert cli.main(["plan", "--for", "quick", "--machine", "demo", "--json", "--no-picture"]) == 0
     proposed = json.loads(capsys.readouterr().out)
@@ -166,7 +171,6 @@ def test_all_that_is_wrong_in_a_plan_and_beside_it_is_said_at_once(folder, capsy
         (["--check", "nothing", "--machine", "demo"], "there is no plan 'nothing'"),
         (["--check", "demo", "--machine", "nothing"], "there is no machine 'nothing'"),
         (["--check", "demo", "--machine", "demo", "--time", "2h"], "--time goes with --for"),
-        (["--check", "demo", "--machine", "demo", "--nc"], "--nc needs the name"),
         (["--check", "demo", "--travel", "0.1", "1", "1"], "cannot be executed on travel 100 x"),
         (["--for", "quick", "--machine", "demo", "--chain", "XYZ"], "--chain goes with --travel"),
         (["--for", "angular", "--travel", "1", "1", "1"], "need the kinematic chain"),

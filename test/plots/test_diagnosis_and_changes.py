@@ -57,7 +57,7 @@ def test_the_map_has_every_stop_before_and_after_in_one_scale(diagnosed):
         shown = np.ma.filled(axes.collections[0].get_array(), np.nan)
         shown = np.reshape(shown, (len(stops.lines), -1))
         np.testing.assert_allclose(shown[stops.pass_index, stops.number], gap * 1e6, equal_nan=True)
-    assert scale.get_ylabel() == "measured minus simulated / µm"
+    assert scale.get_ylabel() == "reading minus model / µm"
 
 
 def test_the_traces_are_the_gap_along_each_pass(diagnosed):

@@ -128,7 +128,7 @@ def _unused(text: str, source: str, mapping: TableMapping) -> list[str]:
         left = [
             f"'{cell.strip()}'"
             for place, cell in enumerate(cells)
-            if place not in used and cell.strip()
+            if place not in used and cell.strip() not in ("", *mapping.ignored)
         ]
         more = len(left) - _MOST_NAMED
         if not left:
@@ -383,6 +383,7 @@ def _lines(
     course = {**mapping.plan, **begun}
     case = Case(
         chain=mapping.chain,
+        rotations=mapping.rotations,
         volume=volume,
         plan=course,
         facts=facts,
@@ -395,7 +396,7 @@ def _lines(
         volume=volume,
         plan_text=found.text,
         lines=found.lines,
-        machine_text=case.machine_text("the mapping file") if mapping.chain else "",
+        machine_text=case.machine_text("the mapping file") if case.tells_of_the_machine else "",
         facts=facts,
         remarks=(
             *((OVERRUN_UNDETERMINED,) if untold else ()),
@@ -417,7 +418,7 @@ def _taken_at_the_corner(stops: Sequence[TableRow], mapping: TableMapping) -> tu
         if row.which.kind == LINEAR
         and not np.any(np.subtract(row.position, corner)[line_signs(row.which.line) == 0])
     }
-    if not here or "x" in mapping.columns:
+    if not here or "x" in mapping.columns or "lines" in mapping.plan:
         return ()
     lines = f"line {min(here)}" if len(here) == 1 else f"lines {', '.join(sorted(here))}"
     return (

@@ -9,6 +9,7 @@ from stepdiag_ros.bags.case import facts_of
 from stepdiag_ros.bags.table_rows import ENVIRONMENT_COLUMNS
 from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, STEP_ORDERS
+from stepdiag_ros.metrology.machine import told_rotations
 from stepdiag_ros.metrology.measurement import Environment
 from stepdiag_ros.metrology.plan import BACKWARD, COURSE_KEYS, FORWARD, LINE_NAMES, Volume
 from stepdiag_ros.metrology.refusal import Refusal
@@ -81,6 +82,7 @@ class TableMapping:
         rejected: what stands for the reading of a stop that was rejected; None if nothing does.
         columns: meaning → name of the column, or its number from 1 as text.
         runs: columns that hold a whole run each.
+        ignored: names of columns that nothing is taken from.
         units: meaning → factor to SI.
         sign: 1, or -1 where the file's sign of readings or deviations is the other way round.
         words: word of the file, in small letters → direction.
@@ -94,6 +96,8 @@ class TableMapping:
         direction: of all rows where no column states it.
         plan: keys of a plan file that hold for the lines (``COURSE_KEYS``), as they stand there.
         chain: order of the axes from workpiece to tool; empty if not known.
+        rotations: plausible size of the axes' rotations, rad (``metrology.plausible``); None if
+            unknown.
         compensated: the readings are compensated for the air.
         environment: that held during the whole measurement.
         facts: name → text.
@@ -110,6 +114,7 @@ class TableMapping:
     rejected: str | None
     columns: Mapping[str, str]
     runs: tuple[RunColumn, ...] = ()
+    ignored: tuple[str, ...] = ()
     units: Mapping[str, float] = field(default_factory=dict)
     sign: float = 1.0
     words: Mapping[str, str] = field(default_factory=dict)
@@ -122,6 +127,7 @@ class TableMapping:
     direction: str = ""
     plan: Mapping[str, Any] = field(default_factory=dict)
     chain: str = ""
+    rotations: float | None = None
     compensated: bool = False
     environment: Environment = field(default_factory=Environment)
     facts: Mapping[str, str] = field(default_factory=dict)
@@ -166,10 +172,12 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
         table=table,
         columns=columns,
         runs=runs,
+        ignored=top.texts("ignored", default=()),
         units=_units(top, columns, runs),
         sign=float(top.integer("sign", low=-1, high=1, default=1)),
         words=_words(top),
         chain="".join(top.names("chain", AXES, default=AXES)) if _has(top, "chain") else "",
+        rotations=told_rotations(top),
         environment=_environment(top),
         facts=facts_of(top),
         text=text,

@@ -188,9 +188,8 @@ def number_in(
         if re.fullmatch(rf"[+-]?\d*\{other}\d+", text.strip()):
             sign = _SIGNS[other]
             hint += f"; it has a decimal {sign}: say so with {by.format(sign=sign)}"
-        raise refusal(
-            source, row, f"{what} is '{_short(text)}', expected a number{hint}", fault="malformed"
-        )
+        shown = f"'{_short(text)}'" if text.strip() else "empty"
+        raise refusal(source, row, f"{what} is {shown}, expected a number{hint}", fault="malformed")
     return float(plain)
 
 

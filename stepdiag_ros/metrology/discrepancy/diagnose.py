@@ -131,7 +131,7 @@ class _Start:
 
     @property
     def noise_is_known(self) -> bool:
-        """Tell whether the noise could be estimated."""
+        """Say whether the noise could be estimated."""
         return bool(np.isfinite(self.noise.size) and self.noise.size > 0.0)
 
 

@@ -278,7 +278,7 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
     if judged.verdict == OPEN and judged.value + judged.expanded_uncertainty <= judged.tolerance:
         elsewhere = (
             " At another place the error is smaller, but with its uncertainty up to"
-            f" {two_digits(judged.upper_bound * IN_MICRO)} µm."
+            f" {plain(judged.upper_bound * IN_MICRO, 1)} µm."
         )
     return [reason[judged.verdict] + elsewhere + rests]
 

@@ -154,7 +154,7 @@ def gap_table(report: DiagnosisReport) -> Table:
     if report.held_out is not None:
         columns += ["held out before", "held out after"]
         cells += [_held_out_column(report.held_out, after) for after in (False, True)]
-    table = new_table("The gap, measured minus simulated", *columns)
+    table = new_table("The gap, readings minus model", *columns)
     names = (
         "χ²",
         "degrees of freedom",
