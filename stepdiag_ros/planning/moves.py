@@ -134,12 +134,11 @@ def _mirror_words(plan: Plan) -> list[str]:
 
 
 def describe(line: Line) -> str:
-    """Say which pass a line is and where, for example ``x @0,0.1,0 forward, repeat 1``."""
-    place = line.setup.partition("@")[2]
-    if not place:
+    """Say which pass a line is and where: ``x forward, repeat 1, shifted by 0, 100, 0 mm``."""
+    if not any(line.offset):
         return str(line)
-    shift = ", ".join(f"{float(value) * IN_MILLI:g}" for value in place.split(","))
-    return f"{line}, shifted by {shift} mm"
+    shift = ", ".join(f"{value * IN_MILLI:g}" for value in line.offset)
+    return f"{replace(line, offset=(0.0, 0.0, 0.0))}, shifted by {shift} mm"
 
 
 def _alignment_words(one: DrivenLine, first_stop: int) -> str:
