@@ -141,7 +141,7 @@ class Line:
         return f" mirror{_at(self.mirror_offset)}" if any(self.mirror_offset) else ""
 
     def __str__(self) -> str:
-        """Say which pass this is: ``ppp XYZ forward, repeat 1``, ``z@0,0.3,0 forward, repeat 0``."""
+        """Say which pass this is, such as ``z@0,0.3,0 forward, repeat 1``."""
         words = of_run(self.name, self.run) if self.kind == TRACKER else self.setup
         return f"{words} {self.direction}, repeat {self.repeat}"
 

@@ -62,8 +62,8 @@ _NO_PATTERN = (
     " belonged to this run."
 )
 _WRONG_READING = (
-    "Compare the reading at {which} with what was noted there. Correct it in the table, or mark the"
-    " stop as rejected, and import the table again; of a recorded run, measure this line again."
+    "Compare the reading at {which} with what was noted there. Correct the table, or mark the stop"
+    " as rejected, and import the table again; of a recorded run, measure the line again."
 )
 
 
@@ -75,8 +75,8 @@ def next_sentences(diagnosis: Diagnosis) -> list[str]:
     """
     if diagnosis.verdict != UNEXPLAINED:
         return []
-    if diagnosis.wrong_reading:
-        return [_WRONG_READING.format(which=diagnosis.wrong_reading)]
+    if diagnosis.wrong_readings:
+        return [_WRONG_READING.format(which=" and at ".join(diagnosis.wrong_readings))]
     wanted: dict[str, list[Pattern]] = {}
     for pattern in diagnosis.patterns or diagnosis.patterns_after:
         for advice in _advices(pattern):

@@ -23,4 +23,4 @@ def test_a_reading_that_is_off_is_named_and_no_other(seed, size):
     lines = list(run.lines)
     lines[number] = replace(line, displacement=displacement)
     found = diagnose(replace(run, lines=tuple(lines)))
-    assert found.wrong_reading == (f"stop {stop} of {line.line}" if size else "")
+    assert found.wrong_readings == ((f"stop {stop} of {line.line}",) if size else ())

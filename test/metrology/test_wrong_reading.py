@@ -1,4 +1,4 @@
-"""One wrong reading is found with its size, and no effect of the machine is mistaken for one."""
+"""Wrong readings are found with their sizes, and no effect of the machine is mistaken for one."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_a_wrong_reading_is_named_with_its_size(seed, size):
     row = int(np.random.default_rng(seed).integers(1, len(stops_of(plain).time) - 1))
     run, which = spiked(plain, row, size * NOISE)
     found = diagnose(run)
-    assert (found.verdict, found.wrong_reading) == (UNEXPLAINED, which)
+    assert (found.verdict, found.wrong_readings) == (UNEXPLAINED, (which,))
     assert not found.findings and not found.partial and found.description is None
     left = found.residual_before[row] - found.residual_after[row]
     assert np.isnan(left) and np.isnan(found.residual_after[row])
@@ -43,13 +43,48 @@ def test_a_wrong_reading_is_named_with_its_size(seed, size):
     assert which in advice
 
 
+def several_wrong(seed, count):
+    """Return a run with some wrong readings, of different passes, and which stops these are."""
+    run, which = hidden_run(seed=seed, **SETTINGS), set()
+    stops, random = stops_of(run), np.random.default_rng(seed)
+    for number in random.choice(len(run.lines), count, replace=False):
+        rows = np.flatnonzero(stops.pass_index == number)
+        size = random.choice([-1.0, 1.0]) * random.choice([3e-6, 10e-6, 90e-6])
+        run, one = spiked(run, int(random.choice(rows[1:])), size)
+        which.add(one)
+    return run, which
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_few_wrong_readings_are_named_together(seed, count):
+    run, which = several_wrong(seed, count)
+    found = diagnose(run)
+    assert (found.verdict, set(found.wrong_readings)) == (UNEXPLAINED, which)
+    assert found.lack_of_fit_p_after > 0.002
+    (advice,) = next_sentences(found)
+    assert all(one in advice for one in which)
+
+
+def test_more_wrong_readings_than_a_slip_makes_are_not_called_slips():
+    assert diagnose(several_wrong(1, 5)[0]).wrong_readings == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_stops_in_a_row_are_not_called_slips(seed):
+    plain = hidden_run(seed=seed, **SETTINGS)
+    row = int(np.flatnonzero(np.diff(stops_of(plain).pass_index))[4]) - 1
+    run = spiked(spiked(plain, row, 5e-6)[0], row + 1, 5e-6)[0]
+    assert diagnose(run).wrong_readings == ()
+
+
 def test_runs_with_nothing_or_with_an_effect_name_no_reading():
     backlash = ActiveEffect(catalogue()["backlash"], {"axis": "X"}, {"lost_motion": 2e-6})
     for seed in range(3):
         plain, with_effect = (hidden_run(*one, seed=seed, **SETTINGS) for one in ((), (backlash,)))
-        assert (diagnose(plain).verdict, diagnose(plain).wrong_reading) == (CONSISTENT, "")
+        assert (diagnose(plain).verdict, diagnose(plain).wrong_readings) == (CONSISTENT, ())
         found = diagnose(with_effect)
-        assert (found.verdict, found.wrong_reading) == (NAMED, "")
+        assert (found.verdict, found.wrong_readings) == (NAMED, ())
 
 
 def test_a_machine_that_is_off_at_one_place_in_every_pass_is_not_a_wrong_reading():
@@ -60,7 +95,7 @@ def test_a_machine_that_is_off_at_one_place_in_every_pass_is_not_a_wrong_reading
         return 5e-6 * (at & np.array(same)[stops.pass_index])
 
     run = hidden_run(seed=1, shape=dent, **SETTINGS)
-    assert diagnose(run).wrong_reading == ""
+    assert diagnose(run).wrong_readings == ()
 
 
 def test_a_reading_that_no_other_pass_repeats_is_not_suspected():
@@ -74,4 +109,4 @@ def test_a_reading_that_no_other_pass_repeats_is_not_suspected():
         if stops.lines[one].name == "ppp" and stops.number[place] == 9
     )
     run, _ = spiked(alone, row, 8e-6)
-    assert diagnose(run).wrong_reading == ""
+    assert diagnose(run).wrong_readings == ()

@@ -17,9 +17,9 @@ from stepdiag_ros.words.next_measurement import _ADVICE, _SETTLING, next_sentenc
 class _Found:
     """As much of a diagnosis as is asked for."""
 
-    def __init__(self, verdict, *looks, after=(), wrong_reading=""):
+    def __init__(self, verdict, *looks, after=(), wrong_readings=()):
         self.verdict, self.patterns, self.patterns_after = verdict, looks, after
-        self.wrong_reading = wrong_reading
+        self.wrong_readings = wrong_readings
 
 
 def look(with_what, lines=("x",), place="the moves"):
@@ -86,8 +86,8 @@ def test_temperatures_are_among_what_was_tried(stops):
 def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
     which, drift = "stop 3 of x forward", look("growing with time")
     for found in (
-        _Found(UNEXPLAINED, drift, wrong_reading=which),
-        _Found(UNEXPLAINED, after=(drift,), wrong_reading=which),
+        _Found(UNEXPLAINED, drift, wrong_readings=(which,)),
+        _Found(UNEXPLAINED, after=(drift,), wrong_readings=(which,)),
     ):
         (advice,) = next_sentences(found)
         assert which in advice and "opposite order" not in advice

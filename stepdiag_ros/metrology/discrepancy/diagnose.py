@@ -40,8 +40,10 @@ from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_N
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.variants import better_variant
 from stepdiag_ros.metrology.discrepancy.wrong_reading import (
+    WrongReading,
+    are_slips,
     clearly_wrong,
-    with_wrong_reading,
+    with_wrong_readings,
 )
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.effects.gross import gross_errors
@@ -117,7 +119,7 @@ def diagnose(
         return _gross(steadied(stops_of(measurement)), gross)
     tell("fitting the baseline")
     start = model.start(measurement)
-    return _but_for_one_reading(start, model, seed, tell) or _compared(start, model, seed, tell)
+    return _but_for_wrong_readings(start, model, seed, tell) or _compared(start, model, seed, tell)
 
 
 @dataclass(frozen=True)
@@ -152,22 +154,29 @@ class _Model:
         return _Start(measurement, stops, baseline, noise)
 
 
-def _but_for_one_reading(
+def _but_for_wrong_readings(
     start: _Start, model: _Model, seed: int, tell: Progress
 ) -> Diagnosis | None:
-    """Return the diagnosis of a run of which one reading is wrong; None of any other."""
-    if not start.noise_is_known:
+    """Return the diagnosis of a run of which a few readings are wrong; None of any other."""
+    found: list[WrongReading] = []
+    now = start
+    while now.noise_is_known:
+        rotation = now.measurement.plausible.rotation
+        wrong = clearly_wrong(now.baseline, now.stops, now.noise, rotation)
+        if wrong is None:
+            break
+        found.append(wrong)
+        if not are_slips(found):
+            return None
+        tell("leaving out a reading that stands out")
+        now = model.start(wrong.without(now.measurement))
+    if not found:
         return None
-    measurement = start.measurement
-    wrong = clearly_wrong(start.baseline, start.stops, start.noise, measurement.plausible.rotation)
-    if wrong is None:
-        return None
-    tell("leaving out a reading that stands out")
-    rest = _compared(model.start(wrong.without(measurement)), model, seed, tell)
+    rest = _compared(now, model, seed, tell)
     if not np.isfinite(rest.noise):
         return None
     problem = whitened(start.baseline, rest.noise, rest.noise_correlation)
-    return with_wrong_reading(rest, wrong, problem, measurement)
+    return with_wrong_readings(rest, found, problem, start.measurement)
 
 
 def _compared(start: _Start, model: _Model, seed: int, tell: Progress) -> Diagnosis:

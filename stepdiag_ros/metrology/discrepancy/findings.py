@@ -316,8 +316,8 @@ class Diagnosis:
         loose: what scatters beside the noise.
         description: of a gap without a name; None if it has one, or no structure is clear. Where
             UNEXPLAINED, it describes a part of the gap.
-        wrong_reading: which single reading is wrong, in words, where UNEXPLAINED and the run agrees
-            without it; else empty.
+        wrong_readings: which readings are wrong, in words, where UNEXPLAINED and the run agrees
+            without them.
         chi_squared_before: of the run under the model as it was, all its free values fitted.
         chi_squared_after: with the findings (where UNEXPLAINED, ``partial``) fitted too.
         degrees_of_freedom_before: without the findings.
@@ -367,4 +367,4 @@ class Diagnosis:
     covariance: Vector = field(default_factory=lambda: np.zeros((0, 0)))
     loose: Loose = Loose()
     description: Description | None = None
-    wrong_reading: str = ""
+    wrong_readings: tuple[str, ...] = ()

@@ -1,13 +1,16 @@
-"""A single wrong reading: a slip of the pen, a reading taken too early, a beam touched at one stop.
+"""A few wrong readings: a slip of the pen, a reading taken too early, a beam touched at one stop.
 
-It is not an effect of the machine, and whatever effects imitate it are false. So it is looked for
-before them: a reading whose own error stands out by far from all that is left of the run, beside
-rotations and zeros that scatter as is plausible. If the rest of the run agrees with the model, or
-has effects of the catalogue, that reading is wrong. Another pass must have read the same stop, so
-that a machine that is off at one place is not mistaken for it.
+None is an effect of the machine, and whatever effects imitate it are false. So they are looked for
+before effects, one after another: a reading whose own error stands out by far from all that is left
+of the run, beside rotations and zeros that scatter as is plausible. If the rest of the run agrees
+with the model, or has effects of the catalogue, these readings are wrong. Another pass must have
+read the same stop, so that a machine that is off at one place is not mistaken for a wrong reading.
+Neighbours in a pass are not suspected: what acts on several stops in a row is an effect.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +32,8 @@ _SAME_STOP = 1e-6
 """m."""
 _MOST = 64
 """Readings that are looked at: those with the largest gap."""
+_MOST_SLIPS = 3
+"""Wrong readings of one run; where there are more, the way of reading is wrong."""
 _CLEAR = 8.0
 """Standard deviations, by what is left of the run, by which a wrong reading stands out."""
 
@@ -59,6 +64,15 @@ class WrongReading:
     def words(self, measurement: Measurement) -> str:
         """Say which reading it is, for example ``stop 3 of ppp XYZ backward, repeat 0``."""
         return f"stop {self.stop} of {measurement.lines[self.line].line}"
+
+
+def are_slips(wrong: Sequence[WrongReading]) -> bool:
+    """Say whether readings are few, and none beside another of its pass."""
+    beside = any(
+        one.line == other.line and abs(one.stop - other.stop) == 1
+        for one, other in combinations(wrong, 2)
+    )
+    return len(wrong) <= _MOST_SLIPS and not beside
 
 
 def clearly_wrong(
@@ -102,43 +116,53 @@ def _repeated(stop: int, good: NDArray[np.int64], stops: Stops) -> bool:
     return bool(np.any(same & np.all(away <= _SAME_STOP, axis=1)))
 
 
-def with_wrong_reading(
-    rest: Diagnosis, wrong: WrongReading, problem: Whitened, measurement: Measurement
+def with_wrong_readings(
+    rest: Diagnosis, wrong: Sequence[WrongReading], problem: Whitened, measurement: Measurement
 ) -> Diagnosis | None:
-    """Return the diagnosis of a run of which one reading is wrong; None if more is.
+    """Return the diagnosis of a run of which some readings are wrong; None if more is.
 
     Args:
-        rest: diagnosis of the run without the reading.
-        wrong: the reading.
+        rest: diagnosis of the run without these readings.
+        wrong: the readings.
         problem: the whole run, with the noise of the rest.
         measurement: the run.
     """
     if rest.verdict not in (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS):
         return None
-    which = wrong.words(measurement)
-    agrees = rest.verdict == verdicts.CONSISTENT
+    which = tuple(one.words(measurement) for one in wrong)
     squares, none = float(problem.gap @ problem.gap), np.zeros((len(problem.gap), 0))
     chance = tail(np.array(squares), float(problem.freedom), rest.noise_degrees_of_freedom)
     return replace(
         rest,
         verdict=verdicts.UNEXPLAINED,
-        sentence=(
-            "Model and run disagree"
-            f"{', but agree without one reading' if agrees else ', and one reading is wrong'}:"
-            f" {which} is off by about {wrong.size * IN_MICRO:+.2g} µm."
-            f"{'' if agrees else f' Without it: {rest.sentence}'}"
-        ),
+        sentence=_sentence(rest, wrong, which),
         findings=(),
         partial=rest.findings,
         description=None,
-        wrong_reading=which,
+        wrong_readings=which,
         chi_squared_before=squares,
         degrees_of_freedom_before=problem.freedom,
         lack_of_fit_p_before=float(chance),
         residual_before=problem.baseline.spread(problem.readings(problem.gap)),
-        where=(f"Mostly at {which} alone.",),
+        where=(f"Mostly at {' and at '.join(which)} alone.",),
         where_after=(),
         map=gap_map(problem, problem.gap, none, rest.stops, rest.noise_degrees_of_freedom),
         patterns=(),
         patterns_after=(),
     )
+
+
+def _sentence(rest: Diagnosis, wrong: Sequence[WrongReading], which: Sequence[str]) -> str:
+    agrees = rest.verdict == verdicts.CONSISTENT
+    one = len(wrong) == 1
+    count = "one reading" if one else f"{len(wrong)} readings"
+    how = (
+        f", but agree without {count}"
+        if agrees
+        else f", and {count} {'is' if one else 'are'} wrong"
+    )
+    off = "; ".join(
+        f"{words} is off by about {reading.size * IN_MICRO:+.2g} µm"
+        for words, reading in zip(which, wrong, strict=True)
+    )
+    return f"Model and run disagree{how}: {off}.{'' if agrees else f' Without: {rest.sentence}'}"
