@@ -175,6 +175,17 @@ def machine_from_text(text: str, source: str) -> "Machine":
     return Machine.from_mapping(parse_yaml(text, source), source)
 
 
+def machine_if_described(text: str, source: str) -> "Machine | None":
+    """Return the machine in the YAML that is recorded with a run; None where it lacks its drives.
+
+    An imported table states a name and perhaps a chain, which is not a fault.
+    """
+    try:
+        return machine_from_text(text, source)
+    except ValueError:
+        return None
+
+
 def chain_from_text(text: str, source: str) -> str:
     """Return the order of the axes from workpiece to tool in a machine's YAML; empty if not stated.
 

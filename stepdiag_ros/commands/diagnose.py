@@ -370,7 +370,7 @@ def _run_of(path: Path, recorded: "RecordedRun | None", progress: Progress) -> _
         from stepdiag_ros.bags.table import load_table
 
         return _Run(path, load_table(path).measurement)
-    from stepdiag_ros.configuration import machine_from_text
+    from stepdiag_ros.configuration import machine_if_described
     from stepdiag_ros.evaluation.history import machine_facts
     from stepdiag_ros.evaluation.recorded_run import measurement_of, require_standing_beam
 
@@ -382,8 +382,8 @@ def _run_of(path: Path, recorded: "RecordedRun | None", progress: Progress) -> _
             " give the next run another folder with --output",
             fault="too_few",
         )
-    known = recorded.plan.feed > 0.0
-    machine = machine_from_text(recorded.machine_text, f"{path}: machine") if known else None
+    machine = machine_if_described(recorded.machine_text, f"{path}: machine")
+    known = recorded.plan.feed > 0.0 and machine is not None
     return _Run(
         path,
         measurement,
@@ -392,7 +392,7 @@ def _run_of(path: Path, recorded: "RecordedRun | None", progress: Progress) -> _
         machine_facts(recorded),
         (remark,),
         recorded.plan if known else None,
-        machine,
+        machine if known else None,
     )
 
 

@@ -61,6 +61,8 @@ def test_a_table_that_is_filled_in_is_a_run_of_the_plan(folder, name, text):
         assert line.displacement == pytest.approx(simulated.displacement, abs=2e-12)
         assert line.target == pytest.approx(simulated.target, abs=1e-15)
     assert (run.machine["name"], run.chain) == ("demo machine", "YXZ")
+    # The plan states a feed and the run no drives, which is no fault of a table.
+    assert cli.main(["diagnose", "run.mcap", "--pictures", "none", "--output", "d"]) == 0
 
 
 def test_lines_away_from_the_corner_come_back_at_their_places(folder, capsys):

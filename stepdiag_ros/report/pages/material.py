@@ -19,7 +19,7 @@ from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.seal import Seal, read_seal
 from stepdiag_ros.compensation import control as control_of
 from stepdiag_ros.compensation.control import Layout, checked_settings
-from stepdiag_ros.configuration import machine_from_text
+from stepdiag_ros.configuration import machine_if_described
 from stepdiag_ros.evaluation.budget import (
     BudgetReport,
     LargestErrorUncertainty,
@@ -167,12 +167,11 @@ class Material:
         if not self.recorded.machine_text:
             self._missing["machine"] = "The bag does not describe the machine."
             return None
-        try:
-            return machine_from_text(self.recorded.machine_text, f"{self.recorded.path}: machine")
-        except ValueError:
-            # An imported table tells a name and perhaps a chain, which is no fault.
+        source = f"{self.recorded.path}: machine"
+        machine = machine_if_described(self.recorded.machine_text, source)
+        if machine is None:
             self._missing["machine"] = "The bag holds nothing of the machine but its name."
-            return None
+        return machine
 
     @cached_property
     def sha256(self) -> str:
