@@ -36,7 +36,7 @@ from stepdiag_ros.metrology.geometry import (
     line_signs,
 )
 from stepdiag_ros.metrology.measurement import Environment
-from stepdiag_ros.metrology.plan import Volume
+from stepdiag_ros.metrology.plan import Plan, Volume
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.metrology.tracker.lengths import machine_lengths
 
@@ -256,18 +256,23 @@ class SimulatedCell:
 
         Args:
             positions: that are to be measured, machine coordinates, m, shape (n, 3).
-            what: asks for them, in words, as the sentence begins.
+            what: has them, in words, as the sentence begins.
 
         Raises:
             ValueError: one is outside of the curves.
         """
         if beyond := self.errors.outside(positions):
             raise Refusal(
-                f"{what} asks for {beyond} in the cell '{self.name}'; measure within, or give the"
-                " cell longer curves (travel_low_m and travel_high_m, or nodes_m): see"
+                f"{what}: {beyond} in the cell '{self.name}'. Measure within this range, or give"
+                " the cell a larger one (travel_low_m and travel_high_m, or nodes_m): see"
                 " 'Your own machine, simulated' in docs/planning.md",
                 fault="out_of_range",
             )
+
+    def require_stops(self, plan: Plan) -> None:
+        """Refuse a plan with a stop where the machine's errors are not given; see ``require``."""
+        for line in plan.lines:
+            self.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
 
     def displacement(
         self, positions: Vector, alignment: Alignment, mount: Sequence[float] = (0.0, 0.0, 0.0)

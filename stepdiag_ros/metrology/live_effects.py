@@ -29,8 +29,7 @@ def check_measurable(plan: Plan, cell: SimulatedCell) -> tuple[str, ...]:
     Raises:
         ValueError: a stop is where the cell's errors are not given, or an effect cannot act.
     """
-    for line in plan.lines:
-        cell.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
+    cell.require_stops(plan)
     return LiveEffects(plan, cell).outside if cell.effects else ()
 
 

@@ -35,7 +35,8 @@ _UNITS = {
     "µm/m": ("rad", 1e-6),
 }
 _FORM = re.compile(r"\s*(?:(?P<name>[^=]+?)\s*=)?\s*(?P<size>[\d.eE+-]+)\s*(?P<unit>[a-zµ/]+)\s*")
-_LARGEST = 1.0
+_LARGEST = 1e-3
+"""m or rad; a larger uncertainty is a typing error."""
 _EXAMPLES = "such as 0.5um, E_XX=0.3um, C0Y=2urad or X:A=1um"
 
 
@@ -95,10 +96,10 @@ class Target:
                 fault="mismatch",
                 aspect="unit",
             )
-        if not 0.0 < size * scale < _LARGEST:
+        if not 0.0 < size * scale <= _LARGEST:
             raise Refusal(
-                f"{source}: an uncertainty of {found['size']} {found['unit']} cannot be reached;"
-                " give more than 0",
+                f"{source}: an uncertainty of {found['size']} {found['unit']} is not a target;"
+                f" give more than 0 and up to {_LARGEST:g} {unit}",
                 fault="out_of_range",
                 aspect="uncertainty",
             )

@@ -22,6 +22,7 @@ from stepdiag_ros.messages.conversion import from_stop_command
 from stepdiag_ros.messages.fields import set_header, to_nanoseconds
 from stepdiag_ros.messages.target import target_of
 from stepdiag_ros.messages.types import new_message
+from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.target import line_ends
@@ -82,7 +83,11 @@ class SequencerNode(StepdiagNode):
         self._check_until(self.parameter("until"))
         self.on_change("until", prepare=self._check_until)
         cell = self.parameter("cell")
-        self._cell_text = without_effects(load_cell(cell)[1], cell) if cell else ""
+        self._cell: SimulatedCell | None = None
+        self._cell_text = ""
+        if cell:
+            self._cell, text = load_cell(cell)
+            self._cell_text = without_effects(text, cell)
         self._sequence: Sequence | None = None
         self._needed: tuple[str, ...] = REQUIRED
         self._sessions: set[str] = set()
@@ -152,7 +157,9 @@ class SequencerNode(StepdiagNode):
         if missing:
             starting = self._may_be_starting(REQUIRED + present)
             refusal = NotReadyYet if starting else Refusal
-            raise refusal(f"cannot start: {'; '.join(missing)}", fault="not_ready")
+            held = self._sequence is not None and self._sequence.state is State.FAULT
+            end = f". Run {self.run_id} is held by a fault: end it with 'stepdiag abort'" * held
+            raise refusal(f"cannot start: {'; '.join(missing)}{end}", fault="not_ready")
         machine = machine_fact(self._machine.name, self._machine_text)
         if wrong := discords(self.watch, machine, cell=bool(self._cell_text)):
             raise Refusal(f"cannot start: {'; '.join(wrong)}", fault="mismatch")
@@ -161,6 +168,8 @@ class SequencerNode(StepdiagNode):
         beyond = out_of_limits(chosen, low, high, "the bridge (machine file and controller)")
         if beyond:
             raise ValueError(f"cannot start: {beyond}")
+        if self._cell is not None:
+            self._cell.require_stops(chosen)
         self._measure.run_begins()
         self._needed = REQUIRED + present
         self._sessions = self.watch.sessions()

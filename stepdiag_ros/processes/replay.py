@@ -3,8 +3,9 @@
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros import topics
 from stepdiag_ros.processes.graph import in_graph
@@ -82,6 +83,7 @@ def replay(
         player.refuse_company(LIVE)
         if check:
             logs = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            parameters["solver"] |= _judged_by(bag, run)
             if topics.DIAGNOSIS in present:
                 parameters["diagnosis"] = {"use_sim_time": True, **_compared_as(bag, run, logs)}
             roles = list(parameters)
@@ -107,18 +109,30 @@ def _is_late(bag: "Bag", run: "FoundRun") -> bool:
     return bool(names) and (first is None or first.command_id > 1)
 
 
+def _judged_by(bag: "Bag", run: "FoundRun") -> dict[str, object]:
+    """Return the tolerance by which a recorded run was judged; nothing where none was agreed."""
+    verdict = _last(bag, run, topics.RUN_VERDICT)
+    return {} if verdict is None or isnan(verdict.tolerance) else {"tolerance": verdict.tolerance}
+
+
 def _compared_as(bag: "Bag", run: "FoundRun", folder: Path) -> dict[str, object]:
     """Return the parameters with which the diagnosis of a recorded run was made.
 
     The model of the machine is written into the folder: what is recorded is the text of it.
     """
-    from stepdiag_ros.bags.runs import full_names, messages_of
-
-    last = None
-    for _, message in messages_of(bag, run, full_names(bag, topics.DIAGNOSIS)):
-        last = message
+    last = _last(bag, run, topics.DIAGNOSIS)
     if last is None:
         return {}
     model = folder / "model.yaml"
     model.write_text(last.model, encoding="utf-8")
     return {"model": model, "seed": int(last.seed)}
+
+
+def _last(bag: "Bag", run: "FoundRun", topic: topics.Topic) -> Any:
+    """Return the last message of a topic in a run; None without one."""
+    from stepdiag_ros.bags.runs import full_names, messages_of
+
+    last = None
+    for _, message in messages_of(bag, run, full_names(bag, topic)):
+        last = message
+    return last

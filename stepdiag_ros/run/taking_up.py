@@ -85,6 +85,10 @@ class TakingUp:
 
     def look(self, watch: Watch, real: float) -> Look:
         """Look at the nodes (``real``: s of the clock of their messages)."""
+        for peer in watch.peers.values():
+            why = said_of_run(peer, REFUSES, self._run_id)
+            if why and peer.role in self._needed and not watch.present(peer.role, self._run_id):
+                return Look(False, why, gives_up=True)
         silent = [
             sentence
             for name, sentence in watch.lost.items()
@@ -94,10 +98,6 @@ class TakingUp:
         deaf = watch.deaf(self._needed)
         if not behind and not silent and not deaf:
             return Look(begins=True)
-        for peer in watch.peers.values():
-            why = said_of_run(peer, REFUSES, self._run_id)
-            if why and peer.role in behind:
-                return Look(False, why, gives_up=True)
         over = self._patience.is_over(bool(silent), real)
         if silent:
             return Look(False, f"{'; '.join(silent)}: {REMEDY}", over)

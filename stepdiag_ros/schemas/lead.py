@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import UNSET, Meta, UnsetType
 
-from stepdiag_ros.schemas.parts import Count, Uncertainty, means, one_of
+from stepdiag_ros.schemas.parts import Count, Numbers, Uncertainty, means, one_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +173,14 @@ class Document:
         ),
     ]
     largest_in_volume: Annotated[Uncertainty, means("Longest error vector in the measured box, m.")]
+    largest_at: (
+        Annotated[Numbers, means("Where that is, machine coordinates X Y Z, m; null if unknown.")]
+        | UnsetType
+    ) = UNSET
+    largest_upper_bound: (
+        Annotated[Uncertainty, means("What the error is below at every place (95 %), m.")]
+        | UnsetType
+    ) = UNSET
     expanded_uncertainty: Annotated[
         Uncertainty,
         means(

@@ -41,7 +41,7 @@ _MOST_MISSING = 6
 _REPORT = ("report {}", "the report to hand over: HTML, PDF, JSON")
 _NOT_JUDGED = (
     "report {}",
-    "to hand over; the machine is not judged yet: --tolerance UM judges it",
+    "to hand over; --tolerance UM judges the machine by a limit",
 )
 _ISO_230 = ("iso230 {}", "the parameters of ISO 230-2, and the deviations at every target")
 _SOLVE = ("solve {}", "the errors of the machine, with their uncertainty")

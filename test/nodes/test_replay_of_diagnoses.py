@@ -16,7 +16,7 @@ from stepdiag_ros.bags.runs import FoundRun
 from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.bags.writer import BagWriter
 from stepdiag_ros.messages.diagnosis import from_diagnosis
-from stepdiag_ros.processes.replay import _compared_as
+from stepdiag_ros.processes.replay import _compared_as, _judged_by
 
 NAME = topics.absolute(topics.DIAGNOSIS, "/cell")
 TYPE = topics.DIAGNOSIS.type_name
@@ -45,6 +45,23 @@ def test_the_node_is_given_model_and_seed_of_the_recording(bag, tmp_path):
     given = _compared_as(bag, RUN, tmp_path)
     assert given["model"].read_text(encoding="utf-8") == RECORDED.model.text
     assert given["seed"] == RECORDED.seed != 0
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, float("nan")])
+def test_the_solver_judges_by_the_tolerance_of_the_recording(tmp_path, tolerance):
+    header = RunHeader("run", "plan", "0.1.0", 1, "none", 1, "", "", "")
+    kind = topics.RUN_VERDICT.type_name
+    name = topics.absolute(topics.RUN_VERDICT, "/cell")
+    with BagWriter(tmp_path / "v.mcap", header) as writer:
+        message = own_types().new(kind)
+        message.run_id, message.tolerance = "run", tolerance
+        writer.write(name, kind, own_types().encode(kind, message), 1)
+    with BagReader(tmp_path / "v.mcap") as reader:
+        assert _judged_by(reader, RUN) == ({"tolerance": 1e-5} if tolerance == 1e-5 else {})
+
+
+def test_a_bag_without_a_verdict_has_no_tolerance(bag):
+    assert _judged_by(bag, RUN) == {}
 
 
 def test_only_the_last_conclusive_diagnosis_is_compared(bag):

@@ -72,6 +72,13 @@ def test_a_node_that_is_heard_but_does_not_take_up_the_run_ends_it(nodes):
     assert "recorder" in found.text
 
 
+def test_a_node_that_need_not_take_up_the_run_may_refuse_it_too(nodes):
+    take_up(nodes, *ROLES)
+    nodes.facts["interferometer"] = {REFUSES: f"{RUN} the plan leaves the cell"}
+    found = nodes.look()
+    assert found.gives_up and found.text == "the plan leaves the cell"
+
+
 def test_a_node_that_refuses_the_run_ends_it_at_once_with_its_reason(nodes):
     take_up(nodes, "recorder")
     assert not nodes.look().gives_up

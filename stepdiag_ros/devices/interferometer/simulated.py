@@ -103,8 +103,7 @@ class SimulatedInterferometer:
                 not given.
         """
         self._course = None
-        for line in plan.lines:
-            self._cell.require(line.stops(plan.volume), f"line {line.name} of plan '{plan.name}'")
+        self._cell.require_stops(plan)
         self._tracked = {line.name: line.tracked for line in plan.lines if line.tracked is not None}
         self._mounts = {plan.setup_of(line): line.mirror_offset for line in plan.lines}
         if self._cell.effects:

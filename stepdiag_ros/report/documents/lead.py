@@ -1,5 +1,6 @@
 """Summary of a run, as a part of JSON documents."""
 
+from math import nan
 from typing import Any
 
 from stepdiag_ros import schemas
@@ -28,6 +29,10 @@ def lead_document(lead: RunLead) -> dict[str, Any]:
         budgeted=lead.budgeted,
         lower_bound=lead.lower_bound,
         largest_in_volume=None if volume is None else volume.value,
+        largest_at=[nan] * 3 if volume is None else volume.position,
+        largest_upper_bound=(
+            nan if volume is None else volume.upper_bound(lead.expanded_uncertainty)
+        ),
         single_errors=[part_of(SingleError, one) for one in lead.errors],
         taken_as_zero=lead.as_zero,
         sentences=sentences_of(lead),

@@ -7,7 +7,7 @@ from typing import Any
 
 from stepdiag_ros.viewers.page.state import PageState
 from stepdiag_ros.viewers.terminal.glyphs import Glyphs
-from stepdiag_ros.viewers.terminal.sections import largest, of_lines
+from stepdiag_ros.viewers.terminal.sections import largest, of_lines, worst_lines
 
 _FIGURE = re.compile(r"[-+]?\d+(\.\d+)?")
 
@@ -56,6 +56,7 @@ class Journal:
             "run": self._tell_state,
             "progress": self._tell_lines,
             "curves": self._tell_result,
+            "worst": self._tell_worst,
             "verdict": self._tell_verdict,
             "faults": self._tell_faults,
         }
@@ -108,6 +109,11 @@ class Journal:
         ]
         shown += [f"{one['name']} {one['text']}" for one in squareness]
         self.write(f"result: {curves['method']}, {of_lines(curves['lines'])}: {'; '.join(shown)}")
+
+    def _tell_worst(self, worst: dict[str, Any]) -> None:
+        for line in worst_lines(worst):
+            if self._is_news("worst", line.plain):
+                self.write(line.plain[0].lower() + line.plain[1:])
 
     def _tell_verdict(self, verdict: dict[str, Any]) -> None:
         if verdict["verdict"] is None or not self._is_news("verdict", verdict):

@@ -66,7 +66,8 @@ class ScreenPage:
         head = [self._heading(documents["run"], heading, width)]
         run = sections.run_lines(documents["run"], documents["progress"], self._signs)
         faults = sections.fault_lines(documents["faults"])
-        verdict = sections.verdict_lines(documents["verdict"])
+        worst = sections.worst_lines(documents["worst"])
+        verdict = [*worst, *sections.verdict_lines(documents["verdict"])]
         halves = self._halves(documents, width)
         extras = self._extras(documents, width)
         if height is None:
@@ -75,9 +76,9 @@ class ScreenPage:
             return self._joined([above, *whole, *extras], None)
         head += self._fitted(run[:1], width, _MOST_WORDS) + self._wrapped(run[1:], width)
         left = height - len(head) - len(halves)
-        for_verdict = min(_FEWEST_VERDICT, len(self._wrapped(verdict, width)))
+        for_verdict = min(_FEWEST_VERDICT + len(worst), len(self._wrapped(verdict, width)))
         fault_rows = self._fitted(faults, width, max(_FEWEST_FAULTS, left - for_verdict))
-        verdict_rows = self._fitted(verdict, width, max(1, left - len(fault_rows)))
+        verdict_rows = self._fitted(verdict, width, max(1 + len(worst), left - len(fault_rows)))
         parts = [head, fault_rows, halves, verdict_rows]
         for extra in extras:
             if sum(map(len, parts)) + len(extra) <= height:
@@ -103,6 +104,7 @@ class ScreenPage:
             *sections.fault_lines(documents["faults"]),
             *self._left(documents, width),
             *self._right(documents, width),
+            *sections.worst_lines(documents["worst"]),
             *sections.verdict_lines(documents["verdict"]),
         ]
         return self._cut(self._wrapped(parts, width), width, height)

@@ -226,6 +226,15 @@ def squareness_lines(squareness: Document) -> Lines:
     return lines
 
 
+def worst_lines(worst: Document) -> Lines:
+    """Return the largest error so far, on which a supervisor decides; nothing while unknown."""
+    if worst["value"] is None:
+        return []
+    what = f"Largest error, of {worst['curve']} alone: " if worst["curve"] else "Largest error: "
+    limit = " (U at most)" if worst["limit"] else ""
+    return [titled(what, f"{worst['text']}{limit} at {worst['where']}")]
+
+
 def verdict_lines(verdict: Document) -> Lines:
     """Return the gap between run and model, and what is made of it; least important last."""
     if verdict["verdict"] is None:

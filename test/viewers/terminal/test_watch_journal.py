@@ -74,7 +74,9 @@ def test_results_and_verdict(told, run):
     taken(lines)
     result = run.results[-1]
     state.take(result, run.run_id)
-    (line,) = taken(lines)
+    line, largest = taken(lines)
+    worst = state.document("worst")
+    assert largest.endswith(f": {worst['text']} at {worst['where']}")
     curves, figures = state.document("curves"), state.document("squareness")["figures"]
     assert line.startswith(f"result: {curves['method']}, {curves['lines']} lines: ")
     worst = curves["curves"][0]["worst"]
