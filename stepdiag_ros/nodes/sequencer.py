@@ -147,8 +147,12 @@ class SequencerNode(StepdiagNode):
                 limits, or the target is wrong; NotReadyYet if that may pass since nodes may be
                 starting.
         """
-        if self._taking_up is not None or (self._sequence and self._sequence.active):
-            raise Refusal("a run is going on: abort it before starting another", fault="busy")
+        if not self.run_over:
+            held = ", held by a fault" if self._running().state is State.FAULT else ""
+            raise Refusal(
+                f"a run is going on{held}: abort it before starting another ('stepdiag abort')",
+                fault="busy",
+            )
         chosen, text = self._executable(plan) if plan.strip() else (self._plan, self._plan_text)
         until = until.strip() or self.parameter("until").strip()
         ends = self._ends_by(until, chosen)
@@ -157,9 +161,7 @@ class SequencerNode(StepdiagNode):
         if missing:
             starting = self._may_be_starting(REQUIRED + present)
             refusal = NotReadyYet if starting else Refusal
-            held = self._sequence is not None and self._sequence.state is State.FAULT
-            end = f". Run {self.run_id} is held by a fault: end it with 'stepdiag abort'" * held
-            raise refusal(f"cannot start: {'; '.join(missing)}{end}", fault="not_ready")
+            raise refusal(f"cannot start: {'; '.join(missing)}", fault="not_ready")
         machine = machine_fact(self._machine.name, self._machine_text)
         if wrong := discords(self.watch, machine, cell=bool(self._cell_text)):
             raise Refusal(f"cannot start: {'; '.join(wrong)}", fault="mismatch")

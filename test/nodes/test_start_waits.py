@@ -91,6 +91,31 @@ def started(sequencer, *welcome):
     assert sequencer._progress().state is State.RUNNING
 
 
+def test_no_other_run_begins_while_the_machine_is_made_ready(sequencer):
+    """Between the last node's word and the first move the bridge is reset, which may take long."""
+    stand(sequencer)
+    for role in REQUIRED:
+        hear(sequencer, role)
+    run_id = sequencer.start()
+    sequencer._taking_up = None
+    sequencer._reset_machine(sequencer._begin)
+    with refused(Refusal, "busy"):
+        sequencer.start()
+    assert sequencer.run_id == run_id
+
+
+def test_a_run_that_a_fault_holds_is_not_replaced_by_another(sequencer):
+    started(sequencer)
+    hear(sequencer, "interferometer", faulty=True, text="no reading has come")
+    sequencer._update()
+    assert sequencer._progress().state is State.FAULT
+    hear(sequencer, "interferometer")
+    with refused(Refusal, "busy"):
+        sequencer.start()
+    sequencer.abort()
+    sequencer.start()
+
+
 def test_a_run_that_is_stopped_by_several_nodes_at_once_names_them_all(sequencer):
     """Whoever mends the first only would be refused, and a silent node may not be the cause."""
     started(sequencer)
