@@ -1,4 +1,4 @@
-"""``stepdiag effect new``: a package of its own for an effect that somebody wants to name."""
+"""``stepdiag effect``: lists the effects, and makes a package for one that somebody names."""
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
@@ -11,8 +11,10 @@ from stepdiag_ros.commands.output import say
 if TYPE_CHECKING:
     from stepdiag_ros.metrology.model import MachineModel
 
+_OWN = "stepdiag_ros.metrology.effects"
 _EXAMPLES = """\
 examples:
+  stepdiag effect list                                 what the diagnosis tries
   stepdiag diagnose run.mcap --extend mill.yaml        DESCRIBED: the model learns a formula
   stepdiag effect new quadrant-bend --model mill.yaml  the formula as a package of its own
   pytest quadrant_bend                                 its test
@@ -41,6 +43,30 @@ def _add_options(parser: ArgumentParser) -> None:
     )
     add_common(new, "output", help="folder of the package (default: the name, in this folder)")
     new.set_defaults(run=run)
+    what.add_parser(
+        "list",
+        help="list the effects that the diagnosis tries, installed ones included",
+        description="List the effects that the diagnosis tries, those of installed packages"
+        " included, with the keys of their settings and their modules.",
+    ).set_defaults(run=_list)
+
+
+def _list(_: Namespace) -> int:
+    """Print the catalogue."""
+    import sys
+
+    from stepdiag_ros.metrology.effects import catalogue
+    from stepdiag_ros.text.console import make_console
+    from stepdiag_ros.text.table import Column, Table
+
+    headers = ("effect", "setting", "module")
+    table = Table("Effects", [Column(one, number=False, wraps=True) for one in headers])
+    for name, effect in catalogue().items():
+        keys = ", ".join(key.name for key in effect.keys)
+        module = type(effect).__module__
+        table.add_row(name, keys, module.removeprefix(f"{_OWN}."))
+    make_console(sys.stdout).print(table)
+    return 0
 
 
 def run(arguments: Namespace) -> int:
@@ -98,7 +124,7 @@ COMMAND = Command(
     25,
     _add_options,
     None,
-    help="write a package for an effect of your own",
-    description="Name an effect that a diagnosis has described.",
+    help="list the effects, or write a package for one of your own",
+    description="List the effects that the diagnosis tries, or name one that it has described.",
     epilog=_EXAMPLES,
 )

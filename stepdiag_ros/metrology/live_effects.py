@@ -66,7 +66,7 @@ class LiveEffects:
             with fault_named(active.effect):
                 try:
                     active.readings(self._stops)
-                except ValueError as error:
+                except Refusal as error:
                     label = active.effect.label(active.setting)
                     raise Refusal(
                         f"the cell '{cell.name}' has the effect '{label}', which cannot act in the"

@@ -267,3 +267,11 @@ def test_what_a_model_says_of_its_bag_stays_a_text(tmp_path):
         if one.startswith("    source = ")
     ]
     assert line.count('"') == 2 and "\\" not in line
+
+
+def test_the_list_names_every_effect_once_with_its_keys(capsys):
+    assert cli.main(["effect", "list"]) == 0
+    shown = capsys.readouterr().out
+    for name, effect in catalogue().items():
+        (line,) = (one for one in shown.splitlines() if one.startswith(f" {name}  "))
+        assert all(key.name in line for key in effect.keys)

@@ -533,9 +533,57 @@ class OtherNames(Undeclared):
     keys = (Key("axis", ("Y", "Z")),)
 
 
+class Broken(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        raise ValueError("broken")
+
+
+class Oblong(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(reading=sizes["size"] * stops.share)
+
+
+class Flat(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(translation=sizes["size"] * stops.time)
+
+
+class Short(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(reading=sizes["size"] * stops.time[1:])
+
+
+class Constant(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(reading=sizes["size"])
+
+
+class Mat(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change.along("Y", sizes["size"] * stops.share)
+
+
+class TurnsX(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(rotations={"X": sizes["size"] * stops.share})
+
+
+class Wordless(Foreign):
+    def label(self, setting):
+        pass
+
+
 @pytest.mark.parametrize(
     ("effect", "raised"),
     [
+        (Broken, ("ValueError",)),
+        (Oblong, ("TypeError", "reading", "3")),
+        (Flat, ("TypeError", "translation", "3")),
+        (Short, ("TypeError", "reading")),
+        (Constant, ("TypeError", "reading")),
+        (Mat, ("TypeError", "distance", "3")),
+        (TurnsX, ("LookupError", "'X'", "0, 1, 2")),
+        (Wordless, ("TypeError", "'label'", "None")),
         (Misspelt, ("KeyError", "'sise'")),
         (WrongAxis, ("LookupError", "'y'", "X, Y, Z")),
         (OutOfProportion, ("ArithmeticError",)),
@@ -582,6 +630,8 @@ EFFECT = Bow()
         ('name = "bow"', 'name = "backlash"', a_fault("twice", "backlash")),
         ('source = "this test"', "", a_fault("wrong_kind", "'source'")),
         ("sizes = (Size", "unused = (Size", a_fault("wrong_kind", "'sizes'")),
+        ('middle"),)', 'middle"))', a_fault("wrong_kind", "'sizes'", "Size")),
+        ("-1e-5, 1e-5", "1e-5, -1e-5", a_fault("wrong_kind", "'height'", "1e-05")),
         ("EFFECT = Bow()", "EFFECT = Bow", a_fault("wrong_kind", "Effect")),
         ("EFFECT = Bow()", "EFECT = Bow()", a_fault("missing", about="EFFECT")),
         ("EFFECT = Bow()", "EFFECT = {}['bow']", a_fault("failed", "KeyError")),

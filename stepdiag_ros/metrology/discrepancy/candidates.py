@@ -14,9 +14,10 @@ from scipy import sparse
 from stepdiag_ros.metrology.discrepancy.baseline import AT_ONCE, Whitened
 from stepdiag_ros.metrology.discrepancy.columns import ColumnChanges, Columns, changes_of, in_blocks
 from stepdiag_ros.metrology.discrepancy.findings import Candidate
-from stepdiag_ros.metrology.effects.effect import Effect, fault_named
+from stepdiag_ros.metrology.effects.effect import Effect, Setting, fault_named
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.refusal import Refusal
 
 HIDDEN = 1e-3
 """Share of a column beyond the baseline below which nothing but rounding is left of it."""
@@ -119,7 +120,7 @@ def signatures(
             for setting in effect.settings(stops):
                 effect.check(setting)
                 tried += 1
-                candidate = Candidate(effect, setting, effect.label(setting))
+                candidate = Candidate(effect, setting, _label(effect, setting))
                 if (effect.name, candidate.label) in taken:
                     continue
                 try:
@@ -129,7 +130,7 @@ def signatures(
                     blurred = "displacement" in effect.needs and _blurred(
                         columns, effect.columns(setting, again)[good]
                     )
-                except ValueError as error:
+                except Refusal as error:
                     hidden[candidate.label] = str(error)
                     continue
                 if not np.all(np.isfinite(columns)):
@@ -153,11 +154,18 @@ def signatures(
     return _left_by_baseline(candidates, changes, free, problem, hidden)
 
 
+def _label(effect: Effect, setting: Setting) -> str:
+    label = effect.label(setting)
+    if not isinstance(label, str) or not label:
+        raise TypeError(f"'label' returns {label!r} instead of a text")
+    return label
+
+
 def _more_than_rounding(columns: Vector, effect: Effect) -> Vector:
     """Return the columns of sizes, zero where the largest plausible size changes no reading."""
     largest = np.array([size.largest for size in effect.sizes])
-    shown = np.max(np.abs(columns), axis=0, initial=0.0) * largest > _ROUNDING
-    return np.where(shown | ~np.isfinite(largest), columns, 0.0)
+    hidden = np.max(np.abs(columns), axis=0, initial=0.0) * largest <= _ROUNDING
+    return np.where(hidden & np.isfinite(largest), 0.0, columns)
 
 
 def _blurred(columns: Vector, again: Vector) -> bool:

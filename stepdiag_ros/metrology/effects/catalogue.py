@@ -4,7 +4,7 @@ import re
 from inspect import isabstract
 from types import ModuleType
 
-from stepdiag_ros.metrology.effects.effect import Effect
+from stepdiag_ros.metrology.effects.effect import Effect, Key, Size
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.registry import modules_of, with_added
 
@@ -57,7 +57,14 @@ def _fault(effect: object) -> str:
     for name in ("name", "sentence", "source", "sizes"):
         if not getattr(effect, name, None):
             return f"does not state its '{name}'"
+    for name, kind in (("sizes", Size), ("keys", Key)):
+        told = getattr(effect, name)
+        if not isinstance(told, tuple) or not all(isinstance(one, kind) for one in told):
+            one = f"({kind.__name__}(...),)"
+            return f"states '{name}' that are not a tuple of {kind.__name__}; a single one is {one}"
     for size in effect.sizes:
+        if not size.low <= size.high:
+            return f"states a range of its size '{size.name}' from {size.low:g} to {size.high:g}"
         if not re.fullmatch(_UNIT, size.unit):
             return (
                 f"states the unit '{size.unit}' of its size '{size.name}', which is not a unit of"

@@ -77,9 +77,11 @@ class Change:
 
         Raises:
             LookupError: there is no such axis.
+            TypeError: there is not one distance a stop.
         """
         if axis not in AXES:
             raise LookupError(f"'{axis}' is not an axis; use one of {', '.join(AXES)}")
+        _check_shape("the distance", distance, (len(distance),))
         translation = np.zeros((len(distance), 3))
         translation[:, AXES.index(axis)] = distance
         return cls(translation=translation)
@@ -90,9 +92,22 @@ class Change:
         n·t + Σ (ε_i × n)·v_i + the reading's own change (``forward``, first order).
 
         Raises:
-            ValueError: an axis turns, but the chain is not known.
+            Refusal: an axis turns, but the chain is not known.
+            LookupError: a rotation is of no axis.
+            TypeError: a part does not have one row a stop.
         """
-        total = np.zeros(len(stops.time))
+        count = len(stops.time)
+        total = np.zeros(count)
+        for what, part, shape in (
+            ("the translation", self.translation, (count, 3)),
+            ("the reading", self.reading, (count,)),
+            *((f"the rotation of axis {n}", one, (count, 3)) for n, one in self.rotations.items()),
+        ):
+            if part is not None:
+                _check_shape(what, part, shape)
+        if not set(self.rotations) <= set(range(len(AXES))):
+            keys = ", ".join(map(repr, self.rotations))
+            raise LookupError(f"the rotations are of axis {keys}; use 0, 1, 2 for X, Y, Z")
         if self.translation is not None:
             total += np.sum(stops.direction * self.translation, axis=1)
         if self.rotations:
@@ -102,6 +117,11 @@ class Change:
         if self.reading is not None:
             total += self.reading
         return total
+
+
+def _check_shape(what: str, part: Vector, shape: tuple[int, ...]) -> None:
+    if np.shape(part) != shape:
+        raise TypeError(f"{what} has the shape {np.shape(part)}, not {shape}: one row a stop")
 
 
 class Effect(ABC):
@@ -138,7 +158,8 @@ class Effect(ABC):
         """Return what the effect of these sizes does at each stop.
 
         Raises:
-            ValueError: the run lacks what the effect needs.
+            Refusal: the run lacks what the effect needs. Any other exception is a fault of the
+                effect.
         """
 
     def unknown(self, setting: Setting, stops: Stops) -> Vector:
@@ -198,7 +219,7 @@ class Effect(ABC):
 
         Raises:
             ArithmeticError: they are not, or it does not.
-            ValueError: the run lacks what the effect needs.
+            Refusal: the run lacks what the effect needs.
         """
         sizes = {
             size.name: size.largest if np.isfinite(size.largest) else 1.0 for size in self.sizes
@@ -219,24 +240,21 @@ class Effect(ABC):
 
 @contextmanager
 def fault_named(effect: Effect) -> Iterator[None]:
-    """Name the effect where its code fails. A ValueError is an answer about the run, no fault.
+    """Name the effect where its code fails. A refusal is an answer about the run, not a fault.
 
     Raises:
         Refusal: the code of the effect fails.
     """
     try:
         yield
-    except (
-        ArithmeticError,
-        AttributeError,
-        ImportError,
-        LookupError,
-        NameError,
-        TypeError,
-    ) as error:
+    except Refusal:
+        raise
+    except Exception as error:  # whatever the code of somebody else does
+        module = type(effect).__module__
+        own = module.startswith(__name__.rpartition(".")[0])
         raise Refusal(
-            f"the effect '{effect.name}' ({type(effect).__module__}) fails: {raised(error)}."
-            " Correct its module, or uninstall its package",
+            f"the effect '{effect.name}' ({module}) fails: {raised(error)}. Correct its module"
+            f"{'' if own else ', or uninstall its package'}",
             fault="failed",
             about=effect.name,
         ) from error

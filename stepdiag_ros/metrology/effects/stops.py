@@ -9,6 +9,7 @@ from stepdiag_ros.metrology.forward import levers
 from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import FORWARD, Line
+from stepdiag_ros.metrology.refusal import Refusal
 
 _MOVED = 1e-9
 
@@ -128,10 +129,14 @@ class Stops:
         ``solvers.design``).
 
         Raises:
-            ValueError: the chain is not known.
+            Refusal: the chain is not known.
         """
         if not self.chain:
-            raise ValueError("the machine's kinematic chain is not known; angular errors need it")
+            raise Refusal(
+                "the machine's kinematic chain is not known; angular errors need it",
+                fault="missing",
+                about="chain",
+            )
         away = self.position - self.start - self.mirror_offset
         one, two, three = (away - lever for lever in levers(self.position, self.chain))
         return one, two, three
