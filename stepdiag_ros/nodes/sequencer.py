@@ -480,7 +480,8 @@ class SequencerNode(StepdiagNode):
         if then is None:
             return
         if response.success:
-            self._after_reset = None
+            # A bridge that died before it answered owes no word on a stop any more.
+            self._after_reset = self._stop_asked = None
             then()
         elif self._reset_tries >= RESET_TRIES:
             self._say_not_reset(f"the CNC bridge cannot be reset: {response.message}")

@@ -6,6 +6,7 @@ import pytest
 import rclpy
 from patience import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from stepdiag_ros import topics
@@ -54,6 +55,11 @@ class Rig:
         """Wait until the run state says a text, and return what the node says of itself."""
         self.spin(lambda: any(text in state.text for state in self.states))
         return self.node.health._text
+
+
+def answered(response):
+    response.success = True
+    return response
 
 
 @pytest.fixture
@@ -111,6 +117,20 @@ def test_a_wish_to_stop_that_a_dead_bridge_has_not_heard_is_no_news_once_the_run
     sequence.resume(rig.node.now(), rig.node.real_time(), (0.0, 0.0, 0.0))
     rig.spin(lambda: rig.node._stop_asked is None)
     assert sequence.state is State.RUNNING and sequence.unstopped == ""
+
+
+def test_nor_once_a_run_that_was_resumed_has_ended(rig, monkeypatch):
+    monkeypatch.setattr(sequencer, "STOP_LIMIT", 0.3)
+    rig.offer(success=True)
+    rig.executor.remove_node(rig.bridge)
+    rig.node._sequence.fault("cnc_bridge is silent")
+    begun, resumed = time.monotonic(), []
+    reset = Future()
+    reset.set_result(answered(Trigger.Response()))
+    rig.node._after_reset = lambda: resumed.append(True)
+    rig.node._on_reset(reset)
+    rig.spin(lambda: time.monotonic() - begun > 0.6)
+    assert resumed and rig.node._sequence.unstopped == ""
 
 
 def test_a_bridge_that_is_not_there_is_told_of(rig):
