@@ -56,10 +56,9 @@ RESET_LIMIT = 1.0
 RESET_TRIES = 5
 STOP_LIMIT = 2.0
 """Real seconds within which the bridge must say that it has stopped the machine."""
-FOLLOWERS = ("cnc_bridge", "assembler", "solver", "recorder")
-"""Roles that say in their heartbeat which run they have taken up."""
-REQUIRED = ("interferometer", *FOLLOWERS)
-"""Roles without which no run starts, and whose loss stops one."""
+REQUIRED = ("interferometer", "cnc_bridge", "assembler", "solver", "recorder")
+"""Roles without which no run starts, and whose loss stops one. Each says in its heartbeat that it
+has taken up the run, before the first move is commanded: it would not heed a command before."""
 IRREPLACEABLE = ("cnc_bridge", "interferometer")
 """Roles whose node must be the same process all the time: what it knew of run or zero is lost."""
 WELCOME = ("clock", "weather")
@@ -183,7 +182,7 @@ class SequencerNode(StepdiagNode):
         )
         self._published = None
         self._describe(text, until)
-        self._taking_up = TakingUp(self.run_id, FOLLOWERS, self._needed, patience)
+        self._taking_up = TakingUp(self.run_id, REQUIRED, self._needed, patience)
         self.get_logger().info(f"run {self.run_id} of plan '{chosen.name}': asked for by {by}")
         return self.run_id
 

@@ -23,8 +23,8 @@ def sequencer():
     rclpy.try_shutdown()
 
 
-def hear(node, role, faulty=False, text="ready", **facts):
-    peer = Peer(role, node.real_time(), f"session of {role}", "", text, faulty, facts)
+def hear(node, role, faulty=False, text="ready", run_id="", **facts):
+    peer = Peer(role, node.real_time(), f"session of {role}", run_id, text, faulty, facts)
     node.watch.heard(f"/{role}", peer)
     node.on_heartbeat(peer)
 
@@ -89,6 +89,23 @@ def started(sequencer, *welcome):
     sequencer._begin()
     sequencer._update()
     assert sequencer._progress().state is State.RUNNING
+
+
+@pytest.mark.parametrize("last", REQUIRED)
+def test_no_run_begins_before_every_node_has_taken_it_up(sequencer, last):
+    """A simulated laser that hears of the run after its first command waits for it for ever."""
+    stand(sequencer)
+    for role in REQUIRED:
+        hear(sequencer, role)
+    run_id = sequencer.start()
+    for role in REQUIRED:
+        hear(sequencer, role, run_id="" if role == last else run_id)
+    sequencer._update()
+    assert sequencer._after_reset is None and last in sequencer._progress().text
+    hear(sequencer, last, run_id=run_id)
+    sequencer.watch.deaf = lambda _: []
+    sequencer._update()
+    assert sequencer._after_reset is not None
 
 
 def test_no_other_run_begins_while_the_machine_is_made_ready(sequencer):
