@@ -100,7 +100,6 @@ def _case(run: RecordedRun, lines: Sequence[MeasuredLine], plan: Mapping[str, An
     assumed = {"name": f"imported from {TABLE_NAME}.csv", "feed_m_per_s": UNKNOWN}
     machine = run.machine
     noises = {float(value) for line in lines for value in line.standard_uncertainty}
-    machine = machine
     dead_path = machine.get("dead_path_m", float("nan"))
     if not isinstance(dead_path, int | float) or not abs(dead_path) < _FARTHEST:
         dead_path = float("nan")
