@@ -66,6 +66,7 @@ class LiveCell:
         self.assembler = Assembler(plan, self.start)
         self.sequence = Sequence(plan, (0.0, 0.0, 0.0), self._send, lambda: None)
         self.post: list[tuple[int, Callable[[], None]]] = []
+        self.due: dict[str, int] = {}
         self.setup, self.number, self.not_before = "", 0, 0
         self.position = (0.0, 0.0, 0.0)
         self.readings, self.stops, self.lines = [], [], []
@@ -117,7 +118,7 @@ class LiveCell:
         if answer is Answer.MOVING:
             return
         in_position = answer is Answer.IN_POSITION
-        self._tell(lambda: self.laser.update_answer(number, event.time, in_position))
+        self._tell("answer", lambda: self.laser.update_answer(number, event.time, in_position))
         if in_position:
             self._take(self.assembler.add_arrival(Arrival(number, event.time, event.position)))
 
@@ -126,7 +127,7 @@ class LiveCell:
         self.number = command.command_id
         stop = command.given_at(now)
         ends_at_stop = command.purpose is Purpose.STOP
-        self._tell(lambda: self.laser.update_command(stop, ends_at_stop))
+        self._tell("command", lambda: self.laser.update_command(stop, ends_at_stop))
         if ends_at_stop:
             self._take(self.assembler.add_command(stop))
         self.cnc.start_move(self.now, command.target, command.feed, command.axis)
@@ -153,15 +154,17 @@ class LiveCell:
             elif isinstance(event, MeasuredLine):
                 self.lines.append(event)
 
-    def _tell(self, word):
+    def _tell(self, topic, word):
         delay = 0 if self.random is None else int(self.random.integers(0, 400 * MS))
-        # Each of the two topics keeps its order.
-        due = max(self.now + delay, self.post[-1][0] if self.post else 0)
+        # Each of the two topics keeps its order, but one may overtake the other.
+        due = self.due[topic] = max(self.now + delay, self.due.get(topic, 0))
         if due == self.now:
             word()
         else:
             self.post.append((due, word))
 
     def _deliver(self):
-        while self.post and self.post[0][0] <= self.now:
-            self.post.pop(0)[1]()
+        for one in sorted(self.post, key=lambda one: one[0]):
+            if one[0] <= self.now:
+                self.post.remove(one)
+                one[1]()

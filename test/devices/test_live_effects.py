@@ -157,7 +157,7 @@ SEVERAL = with_effects(
 )
 
 
-@pytest.mark.parametrize("late", [0, 1])
+@pytest.mark.parametrize("late", range(4))
 def test_no_stop_depends_on_how_late_messages_are(late):
     prompt, held_up = LiveCell(PLAN, SEVERAL), LiveCell(PLAN, SEVERAL, late=late)
     runs = prompt.measure(), held_up.measure()

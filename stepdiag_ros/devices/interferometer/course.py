@@ -82,6 +82,8 @@ class FollowedCourse:
         # The leg of the present reading, and those that have been commanded beyond it.
         self._leg: _Leg | None = None
         self._later: deque[_Leg] = deque()
+        # Answers to commands that have not come yet.
+        self._early: dict[int, tuple[int, bool]] = {}
         self._place: Vector | None = None
         self._added = 0.0
         self._certain = -_NEVER
@@ -94,11 +96,19 @@ class FollowedCourse:
         if last is not None:
             last.open = False
         self._later.append(_Leg(command, ends_at_stop))
+        if command.command_id in self._early:
+            self.answer(command.command_id, *self._early.pop(command.command_id))
 
     def answer(self, command_id: int, time: int, in_position: bool) -> None:
-        """Take the controller's last word on a command: in position at a time (ns), or not."""
-        for leg in (self._leg, *self._later):
-            if leg is not None and leg.command.command_id == command_id:
+        """Take the controller's last word on a command: in position at a time (ns), or not.
+
+        It may overtake the command, above all where the machine stands at its target already.
+        """
+        legs = [leg for leg in (self._leg, *self._later) if leg is not None]
+        if not legs or command_id > legs[-1].command.command_id:
+            self._early[command_id] = time, in_position
+        for leg in legs:
+            if leg.command.command_id == command_id:
                 leg.arrival = time if in_position else None
                 leg.open = False
 
