@@ -93,6 +93,12 @@ def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
         assert which in advice and "opposite order" not in advice
 
 
+def test_of_several_wrong_readings_each_is_to_be_looked_at():
+    which = ("stop 3 of x forward, repeat 0", "stop 5 of ppp XYZ backward, repeat 1")
+    (advice,) = next_sentences(_Found(UNEXPLAINED, wrong_readings=which))
+    assert all(one in advice for one in which)
+
+
 def test_a_wrong_reading_is_called_by_its_stop_and_its_pass():
     _, run = measured(PLAN)
     for number in (0, len(run.lines) - 1):
