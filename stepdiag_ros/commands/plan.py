@@ -492,12 +492,12 @@ def _files(
         files[stem] = text.encode("utf-8")
         if picture is None and not arguments.no_picture:
             picture = stem.with_suffix(".png")
+    table = arguments.table
+    if table == Path():
+        table = stem.with_name(f"{stem.stem}_readings.csv")
     if arguments.nc is not None:
-        files |= _program(arguments, assessment, stem)
-    if arguments.table is not None:
-        table = arguments.table
-        if table == Path():
-            table = stem.with_name(f"{stem.stem}_readings.csv")
+        files |= _program(arguments, assessment, stem, table)
+    if table is not None:
         files[table] = reading_table(assessment.plan).encode("utf-8")
         mapping = table_mapping(assessment.plan, assessment.machine)
         files[table.with_suffix(".yaml")] = mapping.encode("utf-8")
@@ -509,7 +509,9 @@ def _files(
     return files
 
 
-def _program(arguments: Namespace, assessment: "Assessment", stem: Path) -> "dict[Path, bytes]":
+def _program(
+    arguments: Namespace, assessment: "Assessment", stem: Path, table: Path | None
+) -> "dict[Path, bytes]":
     """Return the NC program of a plan and the operator's sheet."""
     from stepdiag_ros.planning.moves import program_of
     from stepdiag_ros.planning.nc_writing import Dialect
@@ -529,6 +531,7 @@ def _program(arguments: Namespace, assessment: "Assessment", stem: Path) -> "dic
         path.name,
         str(stem),
         assessment.duration.assumptions,
+        "" if table is None else table.name,
     )
     return {
         path: program_of(assessment.plan, assessment.machine, dialect).encode("ascii"),

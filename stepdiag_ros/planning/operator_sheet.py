@@ -26,6 +26,7 @@ def operator_sheet(
     program: str,
     plan_file: str,
     assumptions: Assumptions | None = None,
+    table: str = "",
 ) -> str:
     """Return the sheet for the operator of an NC program, as text of 80 columns.
 
@@ -39,6 +40,8 @@ def operator_sheet(
         program: name of the program's file; the recordings are named after it.
         plan_file: name of the plan's file.
         assumptions: for the duration; the default ones if None.
+        table: name of the file into which a person writes the readings; empty where the laser
+            records them.
 
     Raises:
         ValueError: the plan has no feed.
@@ -60,25 +63,21 @@ def operator_sheet(
         ),
         "",
         "Before the program starts, check",
-        *_each(_checks(plan)),
+        *_each(_checks(plan, bool(table))),
         "",
         "For each alignment",
-        *_each(_steps(plan)),
+        *_each(_steps(plan, table)),
     ]
     for number, (made, name) in enumerate(zip(groups, files, strict=True), start=1):
-        lines += ["", *_entry(plan, number, made, name)]
-    lines += [
-        "",
-        *_wrapped(
-            "Afterwards (MAPPING, MACHINE: the YAML files that describe columns and machine)"
-        ),
-        *_wrapped(
-            f"stepdiag by-hand {' '.join(files)} --mapping MAPPING --plan {plan_file}"
-            " --machine MACHINE",
-            "  ",
-            "    ",
-        ),
-    ]
+        lines += ["", *_entry(plan, number, made, "" if table else name)]
+    what = " (MAPPING, MACHINE: the YAML files that describe columns and machine)"
+    command = (
+        f"stepdiag by-hand {' '.join(files)} --mapping MAPPING --plan {plan_file} --machine MACHINE"
+    )
+    if table:
+        what = ""
+        command = f"stepdiag import {table} --mapping {PurePath(table).with_suffix('.yaml')}"
+    lines += ["", *_wrapped(f"Afterwards{what}"), *_wrapped(command, "  ", "    ")]
     return "\n".join(lines) + "\n"
 
 
@@ -94,7 +93,7 @@ def _alignments(plan: Plan, times: tuple[LineDuration, ...]) -> Iterator[_Passes
         yield passes[first:end]
 
 
-def _checks(plan: Plan) -> list[str]:
+def _checks(plan: Plan, noted: bool) -> list[str]:
     """Return what is checked once."""
     width = mirror_width(plan)
     wide = f"mirror at least {width * IN_MILLI:.1f} mm wider than the beam"
@@ -102,17 +101,34 @@ def _checks(plan: Plan) -> list[str]:
         "way of tool, mirror and cable free in the whole travel",
         "work offsets, tool length and rotation zero; feed and dwell as in the program's head",
         *([wide] if width else []),
-        "laser: readings with time, 0.1 µm or finer; air sensors connected, or air noted",
-        f"at least 3 readings in {plan.sampling.window:g} s, better 10",
+        *(
+            ["laser: display of 0.1 µm or finer; air and material temperature noted"]
+            if noted
+            else [
+                "laser: readings with time, 0.1 µm or finer; air sensors connected, or air noted",
+                f"at least 3 readings in {plan.sampling.window:g} s, better 10",
+            ]
+        ),
     ]
 
 
-def _steps(plan: Plan) -> list[str]:
+def _steps(plan: Plan, table: str) -> list[str]:
     """Return what is done at each alignment, in order."""
-    return [
+    aligned = [
         "First stop of the program (M0): clear the way to the first stop of the line, then start.",
         "Second stop (M0), at the first stop of the line: align laser and mirror. The signal must"
         " hold along the whole line.",
+    ]
+    if table:
+        return [
+            *aligned,
+            "Zero the laser, now and not again before the next alignment. Then start.",
+            f"Write the reading at each stop into its row of {table} as soon as it stands still;"
+            " '-' where it was missed.",
+            "After the first pass, the reading must have changed as stated below.",
+        ]
+    return [
+        *aligned,
         "Zero the laser, now and not again before the next alignment. Start the recording.",
         f"Hands off for {2.0 * dwell_of(plan):g} s or more, then start. No feed hold, and no hand"
         " on the laser, before the last stop.",
@@ -140,7 +156,7 @@ def _entry(plan: Plan, number: int, made: _Passes, name: str) -> list[str]:
         f"{sum(one.stops for _, one, _ in made)} stops, {_minutes(running)}{align}",
         f"check: pass {first_number} ({one.line.direction}) changes the reading by"
         f" {_change(plan, one) * IN_MILLI:+.3f} mm",
-        f"file: {name}",
+        *([f"file: {name}"] if name else []),
     ]
     body = [row for text in texts for row in _wrapped(text, " " * 6, " " * 8)]
     return [*_wrapped(f"{_BOX}{number}  {title}", "", " " * 6), *body]

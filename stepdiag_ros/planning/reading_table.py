@@ -29,7 +29,7 @@ _HEAD = f"""\
 # the next one. '{_EXPECTED}' is what a perfect machine would show then.
 # Write '{_NOT_READ}' at a stop that was not read.
 # If your spreadsheet writes semicolons and decimal commas: 'delimiter: semicolon' and
-# 'decimal: comma' under 'text'.
+# 'decimal: comma' in the line 'text', in place of what stands there.
 # What held during the measurement, if you know it:
 #   environment: {{air_temperature_degC: 20.0, air_pressure_Pa: 101300, relative_humidity: 0.5,
 #                 material_temperature_degC: 20.0}}
@@ -85,6 +85,8 @@ def table_mapping(plan: Plan, machine: Machine) -> str:
     """
     told = parse_yaml(plan_text(plan), plan.name)
     box = {key: told.pop(key) for key in BOX_KEYS}
+    # How a person reads a stop is not known.
+    told.pop("sampling", None)
     overrun = {"overrun_m": told.pop("overrun_m", 0.0)}
     chain = {"chain": list(machine.chain)} if machine.chain else {}
     # A machine file that does not state the size has that of the usual class.

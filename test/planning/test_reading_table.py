@@ -1,6 +1,7 @@
 """A plan's table that a person fills in comes back as a run of this plan."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,7 +56,9 @@ def test_a_table_that_is_filled_in_is_a_run_of_the_plan(folder, name, text):
     readings = np.concatenate([line.displacement for line in measured]) * IN_MILLI
     assert cli.main(filled(folder, name, readings, **text)) == 0
     run = load_run("run.mcap")
-    assert run.plan == plan
+    # How a person reads a stop is not known.
+    assert run.plan == replace(plan, sampling=run.plan.sampling)
+    assert "sampling" not in run.plan_text
     assert [line.line for line in run.lines] == list(plan.lines)
     for line, simulated in zip(run.lines, measured, strict=True):
         assert line.displacement == pytest.approx(simulated.displacement, abs=2e-12)
@@ -74,7 +77,7 @@ def test_lines_away_from_the_corner_come_back_at_their_places(folder, capsys):
     capsys.readouterr()
     assert cli.main(filled(folder, "volumetric_plan", nominal)) == 0
     run = load_run("run.mcap")
-    assert run.plan == plan
+    assert run.plan == replace(plan, sampling=run.plan.sampling)
     assert [line.line for line in run.lines] == list(plan.lines)
     # Nothing was left to the import to assume.
     assert "corner" not in capsys.readouterr().err
@@ -91,7 +94,7 @@ def test_a_stop_that_was_not_read_is_marked_and_one_that_was_forgotten_is_named(
     capsys.readouterr()
     assert cli.main(filled(folder, "quick", [*nominal[:2], "", *nominal[3:]])) == 1
     said = capsys.readouterr().err
-    assert "row 4" in said and READING in said
+    assert "row 4" in said and READING in said and "'-'" in said
     assert not (folder / "run.mcap").exists()
     assert cli.main(filled(folder, "quick", [*nominal[:2], "-", *nominal[3:]])) == 0
     (first, *_) = load_run("run.mcap").lines
@@ -104,6 +107,15 @@ def test_what_the_machine_file_states_of_rotations_is_in_the_run(folder):
     assert cli.main(["plan", "--check", "quick", "--machine", "m.yaml", "--table"]) == 0
     assert cli.main(filled(folder, "quick", expected(folder / "quick_readings.csv"))) == 0
     assert load_run("run.mcap").measurement.plausible.rotation == 3e-6
+
+
+def test_the_sheet_for_noted_readings_speaks_of_the_table_and_of_no_recording(folder):
+    arguments = ["plan", "--check", "quick", "--machine", "demo", "--nc"]
+    assert cli.main([*arguments, "--table"]) == 0
+    sheet = (folder / "quick_sheet.txt").read_text("utf-8")
+    assert "stepdiag import quick_readings.csv --mapping quick_readings.yaml" in sheet
+    assert "by-hand" not in sheet and ".csv" not in sheet.replace("quick_readings.csv", "")
+    assert max(map(len, sheet.splitlines())) <= 80
 
 
 def test_nothing_is_written_over_without_being_asked(folder, capsys):

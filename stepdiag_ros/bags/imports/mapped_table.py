@@ -461,15 +461,9 @@ def _stops(
             raise refusal(source, cells.row, f"time goes back from {last_time:g} s to {time:g} s")
         last_time = time
         x, y, z = numbers.position(cells, positions[stop])
-        if numbers.rejected(cells):
-            reading = float("nan")
-        elif "reading" in cells.texts:
-            reading = mapping.sign * numbers.number(cells, "reading")
-        else:
-            start = positions[0 if direction == FORWARD else -1]
-            along = beam_direction(name, np.asarray(volume.step))
-            nominal = float((positions[stop] - start) @ along)
-            reading = nominal + mapping.sign * numbers.number(cells, "deviation")
+        start = positions[0 if direction == FORWARD else -1]
+        along = beam_direction(name, np.asarray(volume.step))
+        reading = _reading(source, cells, mapping, float((positions[stop] - start) @ along))
         yield TableRow(
             number=cells.row,
             time=time,
@@ -482,6 +476,24 @@ def _stops(
             standard_uncertainty=numbers.known(cells, "uncertainty"),
             run=numbers.run(cells) if "run" in cells.texts else None,
         )
+
+
+def _reading(source: str, cells: _Cells, mapping: TableMapping, nominal: float) -> float:
+    """Return the reading at a stop, m; NaN where it was rejected."""
+    numbers = _Numbers(source, mapping)
+    if numbers.rejected(cells):
+        return math.nan
+    if cells.texts.get("reading") == "" and mapping.rejected:
+        raise refusal(
+            source,
+            cells.row,
+            f"'{mapping.columns['reading']}' is empty; write '{mapping.rejected}' at a stop that"
+            " was not read",
+            fault="missing",
+        )
+    if "reading" in cells.texts:
+        return mapping.sign * numbers.number(cells, "reading")
+    return nominal + mapping.sign * numbers.number(cells, "deviation")
 
 
 def _line_order_and_place(

@@ -59,7 +59,11 @@ def write_bag(target: Path, content: ToWrite) -> None:
         BagError: the target exists, its folder does not, or it cannot be written.
     """
     if target.exists():
-        raise BagError(f"{target} exists already; a bag is never overwritten", fault="exists")
+        raise BagError(
+            f"{target} exists already; a bag is never overwritten. Delete it, or name another bag"
+            " behind the table",
+            fault="exists",
+        )
     if not target.parent.is_dir():
         raise BagError(f"{target}: the folder {target.parent} does not exist")
     description = _description(content)
