@@ -398,3 +398,19 @@ def test_a_place_where_the_error_may_be_larger_is_named_where_that_is_notable():
         volume = replace(lead.volume, highest=(bound, 0.0))
         said = " ".join(size_sentences(replace(lead, volume=volume)))
         assert (f"up to {1e6 * bound:.1f} µm" in said) is notable
+
+
+def test_the_document_of_a_lead_states_where_the_largest_error_is_and_its_bound_elsewhere():
+    lead = lead_of(make_report(results=(make_result(),), bag=Path("run.mcap")))
+    made = lead_document(replace(lead, expanded_uncertainty=1e-6))
+    assert made["largest_at"] == pytest.approx(lead.volume.position)
+    assert made["largest_upper_bound"] >= lead.volume.value + 1e-6
+    unknown = lead_document(replace(lead, volume=None))
+    assert unknown["largest_at"] == [None] * 3 and unknown["largest_upper_bound"] is None
+
+
+def test_what_has_no_name_is_not_called_an_effect_and_distorts_the_errors_all_the_same():
+    lead = lead_of(make_report(results=(make_result(),), bag=Path("run.mcap")))
+    unexplained = replace(lead, verdict=Verdict("UNEXPLAINED", "One reading is wrong."))
+    said = " ".join(sentences_of(unexplained))
+    assert "distorts" in said and "this effect" not in said
