@@ -167,9 +167,9 @@ def run(arguments: Namespace) -> int:
 
 
 def _limits(run: "RecordedRun") -> list[str]:
-    """Return what an imported run lacks: runs, errors that its lines do not determine, chain."""
+    """Return what an imported run lacks: runs, errors that it does not determine, digits, chain."""
     from stepdiag_ros.bags.imports.made import NO_CHAIN, lacks_chain, unequal_runs
-    from stepdiag_ros.metrology.solvers.observations import unevenly_spaced
+    from stepdiag_ros.metrology.solvers.observations import observe, unevenly_spaced
     from stepdiag_ros.planning.undetermined import undetermined
 
     # 'solve' cannot use unevenly spaced targets, so that further lines would not help.
@@ -177,7 +177,12 @@ def _limits(run: "RecordedRun") -> list[str]:
         run.measurement.lines, run.plan.volume
     )
     unknown = undetermined(run.plan).sentence if solvable else ""
-    return [*unequal_runs(run), *filter(None, [unknown]), *([NO_CHAIN] if lacks_chain(run) else [])]
+    return [
+        *unequal_runs(run),
+        *filter(None, [unknown]),
+        *(observe(run.measurement).rounding_remarks if solvable else []),
+        *([NO_CHAIN] if lacks_chain(run) else []),
+    ]
 
 
 def _axes_and_paths(named: list[str], paths: list[Path]) -> tuple[list[str], list[Path]]:

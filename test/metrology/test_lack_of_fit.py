@@ -10,7 +10,7 @@ from stepdiag_ros.metrology.discrepancy.lack_of_fit import ALL, LackOfFitTest
 from stepdiag_ros.metrology.discrepancy.noise import REPEATS, STATED, Noise, estimate_noise
 from stepdiag_ros.metrology.effects.stops import stops_of
 
-KNOWN = Noise(NOISE, 1e7, 0.0, STATED)
+KNOWN = Noise(NOISE, 1e7, 0.0, STATED, 0.0)
 SENSE = "the sense in which an axis came, with its place"
 SMOOTH, SLOW = "smooth over the volume", "slow changes with time"
 PASSES = "whole passes shifted or inclined"
@@ -86,7 +86,7 @@ def test_chances_are_right_where_the_noise_comes_from_the_run_itself():
 def test_the_total_is_tested_without_what_told_the_noise(problem, stops):
     freedom, known = problem.freedom, 200.0
     gap = draws(problem, 1)[:, 0]
-    repeats, stated = (Noise(NOISE, known, 0.0, source) for source in (REPEATS, STATED))
+    repeats, stated = (Noise(NOISE, known, 0.0, *one) for one in ((REPEATS, 1.0), (STATED, 0.0)))
     squares = (float(gap @ gap) - known) / (freedom - known)
     expected = chance_of_a_larger_ratio(squares, freedom - known, known)
     by_shape = judged(problem, stops, repeats, gap).by_shape
@@ -97,7 +97,7 @@ def test_the_total_is_tested_without_what_told_the_noise(problem, stops):
 
 
 def test_slow_shapes_suffer_from_a_memory_that_is_not_well_known(problem, stops):
-    test = LackOfFitTest(problem, stops, Noise(NOISE, 300.0, 0.0, REPEATS))
+    test = LackOfFitTest(problem, stops, Noise(NOISE, 300.0, 0.0, REPEATS, 1.0))
     freedom = test.noise_freedom
     # What is constant along a pass has (1+ρ)/(1-ρ) times the variance: ν/3 at least.
     assert 100.0 <= freedom[PASSES] < 150.0

@@ -56,7 +56,7 @@ class Baseline:
         deviation: standard uncertainty of each of these, shape (q,).
         weight: uncertainty of each reading as a multiple of the common one, shape (n,).
         passes: index of each reading's pass, shape (n,).
-        remarks: what a reader should know of the fit.
+        step: that readings come in, m; 0 if they are not rounded.
     """
 
     good: NDArray[np.bool_]
@@ -67,7 +67,7 @@ class Baseline:
     deviation: Vector
     weight: Vector
     passes: NDArray[np.int64]
-    remarks: tuple[str, ...]
+    step: float
 
     def with_loose(self, columns: Vector, deviation: float) -> "Baseline":
         """Return the baseline with more values that are free but known to be small.
@@ -130,7 +130,7 @@ def fit_baseline(
         (effect.readings(stops) for effect in known), _of_curves(curves, measurement, stops)
     )
     observations = observe(without_readings(measurement, taken))
-    further, remarks = _pass_zeros(measurement, stops)
+    further = _pass_zeros(measurement, stops)
     untold = [active.effect.unknown(active.setting, stops) for active in known]
     lengths = run_scales(stops)
     free = [
@@ -186,7 +186,7 @@ def fit_baseline(
         deviation=np.full(scales.shape[1], SECOND_ORDER_SCALE),
         weight=weight,
         passes=stops.pass_index[good],
-        remarks=tuple(remarks),
+        step=(observe(measurement) if np.any(taken) else observations).step,
     )
 
 
@@ -220,8 +220,8 @@ def without_readings(measurement: Measurement, taken: Vector) -> Measurement:
     return replace(measurement, lines=tuple(lines))
 
 
-def _pass_zeros(measurement: Measurement, stops: Stops) -> tuple[Vector, list[str]]:
-    """Return a column for each pass that has a zero of its own, and a remark.
+def _pass_zeros(measurement: Measurement, stops: Stops) -> Vector:
+    """Return a column for each pass that has a zero of its own, shape (stops, passes).
 
     Where every forward pass of a setup begins with exactly nothing, each was zeroed at its first
     stop, whose noise then is in all of the pass.
@@ -241,10 +241,9 @@ def _pass_zeros(measurement: Measurement, stops: Stops) -> tuple[Vector, list[st
         if starts and max(starts) <= _EXACT_ZERO:
             own.extend(members[1:])
     # One exact zero may be chance where readings are rounded; all of them are not.
-    columns = (stops.pass_index[:, None] == np.array(own, dtype=np.int64)).astype(np.float64)
-    if not own:
-        return columns, []
-    return columns, [f"{len(own)} passes were zeroed at their own first stop; each has its zero."]
+    columns = stops.pass_index[:, None] == np.array(own, dtype=np.int64)
+    zeros: Vector = columns.astype(np.float64)
+    return zeros
 
 
 def _approaches(stops: Stops) -> Vector:

@@ -533,7 +533,7 @@ def _verdict(
 def _gross(stops: Stops, words: tuple[str, ...]) -> Diagnosis:
     count = len(stops.time)
     nothing = np.full(count, np.nan)
-    noise = Noise(float("nan"), 0.0, 0.0, "not estimated")
+    noise = Noise(float("nan"), 0.0, 0.0, "not estimated", 0.0)
     empty = _unfitted(verdicts.UNEXPLAINED, "", stops, nothing, 0, noise)
     return replace(
         empty,

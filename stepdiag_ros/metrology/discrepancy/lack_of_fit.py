@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from stepdiag_ros.metrology.discrepancy.baseline import Whitened
 from stepdiag_ros.metrology.discrepancy.chance import tail
 from stepdiag_ros.metrology.discrepancy.loose import pass_shapes
-from stepdiag_ros.metrology.discrepancy.noise import STATED, Noise
+from stepdiag_ros.metrology.discrepancy.noise import Noise
 from stepdiag_ros.metrology.discrepancy.places import RANK_LIMIT, Places
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
@@ -104,7 +104,7 @@ class LackOfFitTest:
         self._problem = problem
         self._stops = stops
         self._noise = noise
-        self._pure = 0.0 if noise.source == STATED else noise.freedom
+        self._pure = noise.freedom if noise.shown else 0.0
 
     def _made(self) -> Iterator[tuple[str, _Columns | Places]]:
         for words, columns in _shapes(self._stops):
@@ -139,8 +139,9 @@ class LackOfFitTest:
     def _of_all(self, total: float, freedom: int) -> float:
         """Return the probability of what the total has beyond the differences behind the noise."""
         pure = self._pure if self._pure < freedom else 0.0
-        # In units of the noise, these have as much as they have degrees of freedom.
-        return _chance(max(total - pure, 0.0), freedom - pure, self._noise.freedom)
+        # In units of the noise that they show, these have as much as they have degrees of freedom.
+        squares = max(total - self._noise.shown * pure, 0.0)
+        return _chance(squares, freedom - pure, self._noise.freedom)
 
     def _noise_freedom(self, shape: _Columns | Places) -> float:
         """Return the degrees of freedom of the noise as a shape suffers from it."""

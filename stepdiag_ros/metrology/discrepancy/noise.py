@@ -4,17 +4,20 @@ What repeats of a pass do not share is noise, but for what changes between them:
 a slip. Of the difference of two repeats a parabola over the stops is therefore taken away; the rest
 is noise of short duration. A slip or a jump in one pass makes one series conspicuous, which is left
 out. Where passes are not repeated, a forward and a backward pass are compared in the same way, and
-a constant for each axis that moved last is taken away too.
+a constant for each axis that moved last is taken away too. What the rounding of readings adds to
+all repeats of a stop alike (see ``rounding``) no repeat shows; it counts as noise nevertheless.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.rounding import shared_rounding
+from stepdiag_ros.metrology.units import IN_MICRO
 
 REPEATS = "the differences of repeated passes"
 DIRECTIONS = "the differences of forward and backward passes"
@@ -39,12 +42,15 @@ class Noise:
         freedom: degrees of freedom.
         correlation: from stop to stop of a pass, first-order autoregressive.
         source: in words.
+        shown: share of the variance that differences of passes show; 0 if it was not taken from
+            them.
     """
 
     size: float
     freedom: float
     correlation: float
     source: str
+    shown: float
 
 
 @dataclass(frozen=True)
@@ -76,13 +82,36 @@ def estimate_noise(baseline: Baseline, gap: Vector, stops: Stops, stated: float)
     series = [one for one in series if _freedom(one) >= 2]
     if not series:
         known = float(stated) if np.isfinite(stated) and stated > 0.0 else float("nan")
-        return Noise(known, 1000.0 if np.isfinite(known) else 0.0, 0.0, STATED)
+        stated_one = Noise(known, 1000.0 if np.isfinite(known) else 0.0, 0.0, STATED, 0.0)
+        return _with_rounding(stated_one, baseline.step, 1.0)
     series = _quiet(series)
     correlation = _correlation(series)
     squares = sum(float(np.sum(_left(one) ** 2)) for one in series)
     expected = sum(_expected(one, correlation)[0] for one in series)
     freedom = float(sum(_freedom(one) for one in series))
-    return Noise(float(np.sqrt(squares / expected)), freedom, correlation, source)
+    noise = Noise(float(np.sqrt(squares / expected)), freedom, correlation, source, 1.0)
+    return _with_rounding(noise, baseline.step, _passes_by_a_stop(stops))
+
+
+def _with_rounding(noise: Noise, step: float, passes: float) -> Noise:
+    """Add what all readings at a stop share, so that their mean has it in full."""
+    shared = np.sqrt(passes) * shared_rounding(noise.size, step)
+    size = float(np.hypot(noise.size, shared))
+    if not size > noise.size:
+        return noise
+    return replace(
+        noise,
+        size=size,
+        source=f"{noise.source}; and readings in steps of {step * IN_MICRO:g} µm",
+        shown=noise.shown * (noise.size / size) ** 2,
+    )
+
+
+def _passes_by_a_stop(stops: Stops) -> float:
+    """Return how many passes come by a stop, forward and backward, on average."""
+    setups = [int(stops.setup[stops.pass_index == index][0]) for index in range(len(stops.lines))]
+    lines = {(setup, line.order) for setup, line in zip(setups, stops.lines, strict=True)}
+    return len(stops.lines) / len(lines)
 
 
 def _repeats(by_pass: list[Vector], stops: Stops) -> Iterator[_Series]:

@@ -15,7 +15,7 @@ import numpy as np
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
 from stepdiag_ros.metrology.discrepancy.diagnose import stated_noise
 from stepdiag_ros.metrology.discrepancy.findings import CONSISTENT_LEVEL
-from stepdiag_ros.metrology.discrepancy.noise import STATED, estimate_noise
+from stepdiag_ros.metrology.discrepancy.noise import estimate_noise
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.measurement import Measurement
@@ -61,7 +61,7 @@ def power_of(measurement: Measurement) -> Power:
     if left <= 0:
         return Power(nan, "the free values of the model fit any readings of these lines")
     # The differences that the noise is known by cannot test the model too.
-    pure = 0.0 if noise.source == STATED or noise.freedom >= left else noise.freedom
+    pure = 0.0 if not noise.shown or noise.freedom >= left else noise.freedom
     tested = left - pure
     strength = noncentrality(tested, noise.freedom)
     return Power(noise.size * sqrt(strength / len(baseline.gap)))

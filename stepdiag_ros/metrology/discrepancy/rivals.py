@@ -149,7 +149,7 @@ class FurtherReadings:
             deviation=np.full(len(own.setups), SECOND_ORDER_SCALE),
             weight=np.ones(count),
             passes=own.pass_index,
-            remarks=(),
+            step=0.0,
         )
         baseline = loosened(baseline, own, replace(diagnosis.loose, rotation=0.0))
         self._part = _Part(baseline, diagnosis.noise, diagnosis.noise_correlation)

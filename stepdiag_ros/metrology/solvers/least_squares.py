@@ -71,7 +71,8 @@ def result_of(measurement: Measurement, both: Turned) -> VolumetricErrors:
     """
     design, fit, rotations = both.design, both.fit, both.rotations
     observations = design.observations
-    remarks = [*_noise_remarks(design, rotations.noise_factor), *_direct_remarks(design)]
+    remarks = [*observations.rounding_remarks, *_noise_remarks(design, rotations.noise_factor)]
+    remarks += _direct_remarks(design)
     remarks += rotation_remarks(measurement, rotations)
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
@@ -119,7 +120,8 @@ def solve_design(method: str, design: Design, plausible: Plausible) -> Volumetri
     fit = design.fit()
     freedom = design.degrees_of_freedom
     factor = noise_factor(fit.squares, freedom, observations.noise_known)
-    remarks = [*_noise_remarks(design, factor), *_direct_remarks(design)]
+    remarks = [*observations.rounding_remarks, *_noise_remarks(design, factor)]
+    remarks += _direct_remarks(design)
     if design.unseen.shape[1] == 0 and design.tilt_setups:
         remarks.extend(_large_tilts(design, fit))
     lengths = by_lengths(design, design.matrix, plausible)

@@ -50,7 +50,7 @@ def noise_of(observations: Observations) -> tuple[Vector, list[str]]:
     Unknown ones are estimated from repeated readings of the same setup at the same place.
     """
     if observations.noise_known:
-        return observations.uncertainty, []
+        return observations.uncertainty, observations.rounding_remarks
     squares, freedom = observations.pure_error()
     if freedom == 0:
         return np.full(len(observations.displacement), np.nan), [

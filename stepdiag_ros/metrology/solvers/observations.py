@@ -1,11 +1,13 @@
 """Readings in the form that the solvers need: which nodes, which setup, how certain.
 
 Readings of one setup share one alignment and one unknown zero. Their noise is independent;
-differences between them are not.
+differences between them are not. Where readings were rounded so coarsely that their repeats cannot
+show it (``rounding``), all readings at a place share that error, and each is given the uncertainty
+with which their mean has it in full.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,9 +16,11 @@ from numpy.typing import NDArray
 from stepdiag_ros.metrology.direct import DirectMeasurement
 from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs, moving_axis
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
-from stepdiag_ros.metrology.plan import DIAGONAL, LINEAR, Volume
+from stepdiag_ros.metrology.plan import DIAGONAL, FORWARD, LINEAR, Volume
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.rounding import reading_step, shared_rounding
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
+from stepdiag_ros.metrology.units import IN_MICRO
 
 Integers = NDArray[np.int64]
 
@@ -70,6 +74,8 @@ class Observations:
         uncertainty: standard uncertainty of each, m, shape (n,); NaN everywhere where unknown.
         lines: number of lines with at least one reading.
         direct: what was measured directly beside the lines; None if nothing was.
+        step: that readings come in, m; 0 if they are not rounded.
+        rounding: standard deviation of the rounding error that all readings at a place share, m.
     """
 
     volume: Volume
@@ -82,6 +88,8 @@ class Observations:
     uncertainty: Vector
     lines: int
     direct: DirectMeasurement | None = None
+    step: float = 0.0
+    rounding: float = 0.0
 
     @cached_property
     def noise_known(self) -> bool:
@@ -188,15 +196,52 @@ class Observations:
         Returns:
             residuals, m, shape (n,), and their degrees of freedom.
         """
-        group, first = self.averaged
+        return self._scatter(self.zeros, weight)
+
+    def _scatter(self, key: Integers, weight: Vector) -> tuple[Vector, int]:
+        """Return what is left of readings beyond their places and passes; see ``pass_scatter``."""
+        group, first = self._grouped(key)
         _, pass_of = np.unique(self.passes, return_inverse=True)
         pass_of = pass_of.reshape(-1)
         left = self.displacement
         for cell in (group, pass_of):
             mean = np.bincount(cell, weight * left) / np.bincount(cell, weight)
             left = left - mean[cell]
-        further = int(pass_of[-1]) + 1 - len(np.unique(self.zeros))
+        further = int(pass_of[-1]) + 1 - len(np.unique(key))
         return left, len(group) - len(first) - further
+
+    def with_rounding(self, step: float, forward: NDArray[np.bool_]) -> "Observations":
+        """Return the readings with the uncertainty that rounding gives them.
+
+        Args:
+            step: that they come in, m; 0 if they are not rounded.
+            forward: whether each belongs to a forward pass, shape (n,).
+        """
+        # Along an axis, errors that are smaller than the step show nowhere.
+        if not step > 0.0 or np.ptp(self.excess) <= 0.5 * step:
+            return self
+        left, freedom = self._scatter(2 * self.setup + forward, np.ones(len(forward)))
+        own = self.uncertainty
+        if freedom > 0:
+            scatter = float(np.sqrt(np.sum(left**2) / freedom))
+            own = own if self.noise_known else np.full(len(own), scatter)
+        else:
+            scatter = float(np.median(own)) if self.noise_known else 0.0
+        rounding = shared_rounding(scatter, step)
+        passes = len(forward) / len(self.groups()[1])
+        whole = np.hypot(own, np.sqrt(passes) * rounding)
+        return replace(self, uncertainty=whole, step=step, rounding=rounding)
+
+    @property
+    def rounding_remarks(self) -> list[str]:
+        """Say that rounding hides a part of itself; empty if it does not."""
+        if not self.rounding > 0.1 * self.step:
+            return []
+        return [
+            f"The readings come in steps of {self.step * IN_MICRO:g} µm, and repeats show little of"
+            f" the rounding: {self.rounding * IN_MICRO:.2g} µm of standard uncertainty was added to"
+            " the mean at each place. Note one more digit."
+        ]
 
     def pure_error(self, weight: Vector | None = None) -> tuple[float, int]:
         """Return sum of squares (m²) and degrees of freedom of the repeats within groups.
@@ -222,7 +267,7 @@ def observe(measurement: Measurement) -> Observations:
     volume = measurement.volume
     index: dict[str, int] = {}
     setups: list[Setup] = []
-    setup, passes, stops, nodes, values, uncertainties = [], [], [], [], [], []
+    setup, passes, stops, nodes, values, uncertainties, forward = [], [], [], [], [], [], []
     for number, line in enumerate(measurement.lines):
         good = np.flatnonzero(np.isfinite(line.displacement))
         if len(good) == 0:
@@ -255,23 +300,26 @@ def observe(measurement: Measurement) -> Observations:
         nodes.append(nodes_of(line, volume, used.signs)[good])
         values.append(line.displacement[good])
         uncertainties.append(_line_uncertainty(line.standard_uncertainty[good]))
+        forward.append(np.full(len(good), line.line.direction == FORWARD))
     if not setups:
         raise NotDeterminable("no line has a settled stop yet", fault="too_few")
     uncertainty = np.concatenate(uncertainties)
     if not np.all(np.isfinite(uncertainty)):
         uncertainty = np.full(len(uncertainty), np.nan)
-    return Observations(
+    displacement = np.concatenate(values)
+    observations = Observations(
         volume=volume,
         setups=tuple(setups),
         setup=np.concatenate(setup),
         passes=np.concatenate(passes),
         stop=np.concatenate(stops),
         node=np.concatenate(nodes),
-        displacement=np.concatenate(values),
+        displacement=displacement,
         uncertainty=uncertainty,
         lines=len(values),
         direct=measurement.direct,
     )
+    return observations.with_rounding(reading_step(displacement), np.concatenate(forward))
 
 
 def _start(line: MeasuredLine, volume: Volume, signs: Integers) -> Vector:

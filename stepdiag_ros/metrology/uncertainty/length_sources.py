@@ -28,9 +28,11 @@ from stepdiag_ros.metrology.uncertainty.source import (
     PRODUCT,
     Source,
     common,
+    each_place,
     each_reading,
     each_setup,
 )
+from stepdiag_ros.metrology.units import IN_MICRO
 
 REFERENCE_AIR = (20.0, 101325.0, 0.5)
 """degC, Pa, 0..1: where the derivatives of the index are taken if the air was not recorded."""
@@ -96,11 +98,28 @@ def instrument_sources(readings: Readings, instrument: Instrument) -> list[Sourc
     each = np.ones_like(scale)
     return [
         common("laser wavelength", INSTRUMENT, instrument.wavelength, "relative", scale),
-        each_reading("resolution of the counter", INSTRUMENT, instrument.resolution, "m", each),
+        _resolution(seen, instrument.resolution),
         each_reading(
             "periodic error of the fringe", INSTRUMENT, instrument.periodic_error, "m", each
         ),
     ]
+
+
+def _resolution(seen: Observations, stated: Spread) -> Source:
+    """Return the resolution that is stated, or the rounding that the readings themselves show."""
+    name, each = "resolution of the counter", np.ones_like(seen.displacement)
+    if not seen.rounding > 0.0 or stated.standard_uncertainty > seen.rounding:
+        return each_reading(name, INSTRUMENT, stated, "m", each)
+    place, _ = seen.groups()
+    return each_place(
+        name,
+        INSTRUMENT,
+        Spread(seen.rounding),
+        "m",
+        each,
+        place,
+        f"the readings come in steps of {seen.step * IN_MICRO:g} µm; what repeats do not show",
+    )
 
 
 def air_sources(readings: Readings, instrument: Instrument) -> list[Source]:

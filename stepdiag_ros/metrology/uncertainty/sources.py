@@ -61,7 +61,7 @@ def sources_of(readings: Readings, instrument: Instrument, method: Estimator) ->
         *material_sources(readings, instrument),
         *_setup(readings, instrument, method.models_cosine),
         *scatter,
-        *_misfit(method, scatter[0].standard_uncertainty),
+        *_misfit(method, scatter[0].standard_uncertainty, readings.observations.rounding),
         *angular,
     ]
 
@@ -178,20 +178,20 @@ def _scatter(readings: Readings) -> list[Source]:
     ]
 
 
-def _misfit(method: Estimator, noise: float) -> list[Source]:
+def _misfit(method: Estimator, noise: float, rounding: float) -> list[Source]:
     """Return what the residuals of a fit hold beyond the readings' scatter; none if chance does it.
 
     Repeats share it, so that it is one unknown value for each place of each setup. With σ the
     scatter and n_k readings at the place k, the variance of what a fit leaves is that of
-    the lack of fit plus the mean of σ²/n_k. The threshold is that of ``solve_least_squares``: p <
-    0.01.
+    the lack of fit plus the mean of σ²/n_k and the variance of the rounding that they share. The
+    threshold is that of ``solve_least_squares``: p < 0.01.
     """
     if not isinstance(method, LeastSquaresEstimator):
         return []
     left, group, freedom = method.misfit()
-    if freedom < 1 or not noise > 0.0:
+    if freedom < 1 or not max(noise, rounding) > 0.0:
         return []
-    expected = noise**2 / np.bincount(group)
+    expected = noise**2 / np.bincount(group) + rounding**2
     if not exceeds_chance(float(np.sum(left**2 / expected)), freedom):
         return []
     variance = float(np.sum(left**2)) / freedom - float(np.mean(expected))
