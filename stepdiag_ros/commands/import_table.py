@@ -155,7 +155,7 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print(schemas.json_text(schemas.document("import", document)))
         return 0
-    what = f"{document['lines']} lines with {document['stops']} stops"
+    what = f"{document['lines']} passes with {document['stops']} stops"
     if document["readings"]:
         what = f"{document['readings']} readings"
     print(f"{target}: {what}, {document['blocks']} blocks ({document['format']})")

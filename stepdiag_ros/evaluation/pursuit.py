@@ -238,7 +238,7 @@ def _lacking(pursuit: Pursuit, measurement: Measurement) -> str:
         return ""
     line, done, wanted = lacking[0]
     name = f"{line.name} {line.order}".rstrip()
-    return f"{name} has {done} of {wanted} runs {line.direction} that are the least"
+    return f"{name} has {done} of at least {wanted} runs {line.direction}"
 
 
 def _unknown_or_large(target: Target, now: float) -> str:

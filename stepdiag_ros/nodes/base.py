@@ -164,7 +164,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
             self.on_run(description)
         except ValueError as error:
             self.facts[REFUSES] = f"{description.run_id} {error}"
-            why = f"cannot take up run {description.run_id}: {error}"
+            why = f"cannot take part in run {description.run_id}: {error}"
             self._refused = _Refused(description.run_id, self.real_time(), why)
             self.unwell(why)
             return

@@ -211,7 +211,7 @@ class MeasureAction:
         """End a goal whose run has not begun, with the reason in its result."""
         self._node.get_logger().warning(f"a goal of ~/measure is refused: {why}")
         result = self._messages.Result(outcome=int(Outcome.REFUSED), text=why)
-        result.verdict, result.sentence = UNKNOWN, "not known: nothing was measured"
+        result.verdict, result.sentence = UNKNOWN, "nothing was measured"
         result.bag_text = "no bag: nothing was measured"
         self._results[_key(handle)].set_result(result)
 

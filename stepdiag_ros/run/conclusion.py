@@ -118,7 +118,7 @@ class Aftermath:
         verdict, sentence = self._last_word or (UNKNOWN, self._why_no_verdict(watch))
         recorder = self._recorder(watch)
         if recorder is None:
-            text = "not known: no recorder says where it has recorded this run"
+            text = "no recorder states where it has recorded this run"
             return Conclusion(verdict, sentence, "", False, text)
         messages = said_of_run(recorder, BAG_CLOSED, self.run_id)
         if messages:
@@ -158,9 +158,9 @@ class Aftermath:
     def _why_no_verdict(self, watch: Watch) -> str:
         diagnoses = [peer for peer in watch.peers.values() if peer.role == "diagnosis"]
         if not diagnoses:
-            return "not known: there is no diagnosis node"
+            return "no diagnosis node is running"
         last = max(diagnoses, key=lambda peer: peer.last_seen)
         why = self._lost(watch, last) or (last.text if last.faulty else "")
         if not why and last.facts.get(WORK_LEFT, "0") != "0":
             why = "the diagnosis was not done in time"
-        return f"not known: {why or 'the diagnosis node has said nothing on the whole run'}"
+        return why or "the diagnosis node has not published a verdict on the whole run"

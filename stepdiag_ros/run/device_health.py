@@ -207,9 +207,9 @@ class Air:
         self._missing = missing
         values["times not known since the start"] = str(self._gaps)
         if not self._values:
-            return HealthFinding(Level.STALE, "no weather sensor has spoken yet", values)
+            return HealthFinding(Level.STALE, "no weather sensor has sent a value yet", values)
         if len(self._values) < len(PLAUSIBLE) and real - self._first_heard < HOLD:
-            return HealthFinding(Level.STALE, "not all weather sensors have spoken yet", values)
+            return HealthFinding(Level.STALE, "some weather sensors have sent no value yet", values)
         if strange:
             return HealthFinding(Level.ERROR, f"{'; '.join(strange)}; it is not used", values)
         if needed:

@@ -22,8 +22,7 @@ def course_words(standing: TargetStanding) -> str:
     expected = in_micro(standing.expected, standing.unit)
     left = time_left(standing.time_left)
     return (
-        f"{words}, time left to it {left}, about {expected} expected at the end of the plan;"
-        f" {standing.text}"
+        f"{words}: {left} left, about {expected} expected at the end of the plan; {standing.text}"
     )
 
 

@@ -10,7 +10,7 @@ from stepdiag_ros.schemas.parts import Count, Words, document_of, means, one_of
 
 @dataclass(frozen=True, kw_only=True)
 class Document:
-    """What a run on nodes that were there came to.
+    """Result of a run on nodes that were running already.
 
     Printed by `stepdiag measure --json`.
     """

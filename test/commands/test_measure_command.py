@@ -93,22 +93,22 @@ def test_what_a_run_came_to_is_printed(capsys):
         42,
         ("ppp XYZ forward, repeat 0: stop 3: no beam",),
         "UNKNOWN",
-        "not known: there is no diagnosis node",
+        "no diagnosis node is running",
         None,
         False,
-        "not known: no recorder says where it has recorded this run",
+        "no recorder states where it has recorded this run",
     )
     measure._show(measured, as_json=False)
     assert capsys.readouterr().out.splitlines() == [
         "run:     20261121T110000Z-abcdef",
         "outcome: aborted by the operator (17 of 42 stops)",
         "left:    ppp XYZ forward, repeat 0: stop 3: no beam",
-        "bag:     unknown (not known: no recorder says where it has recorded this run)",
+        "bag:     unknown (no recorder states where it has recorded this run)",
         "",
         "In short:",
         "The measurement is not complete: 17 of 42 planned stops have a value. End of the run:"
         " aborted by the operator.",
-        "NOT DIAGNOSED: not known: there is no diagnosis node",
+        "NOT DIAGNOSED: no diagnosis node is running",
     ]
     # The fixture of all tests holds it against its schema.
     measure._show(measured, as_json=True)

@@ -89,7 +89,7 @@ def test_a_line_that_makes_no_sense_is_said_and_the_next_is_taken_up(node):
 @pytest.mark.parametrize("ended", [False, True])
 def test_a_run_that_cannot_be_taken_up_is_no_fault_once_it_is_none(node, ended):
     begin(node, plan="")
-    told = (2, f"cannot take up run {RUN_ID}: the plan is empty")
+    told = (2, f"cannot take part in run {RUN_ID}: the plan is empty")
     assert node.text() == told
     state = filled(topics.RUN_STATE, run_id=RUN_ID)
     state.state = state.STATE_RUNNING

@@ -90,7 +90,7 @@ def test_nobody_is_waited_for_longer_than_the_limit(scene):
     assert scene.awaited() == ""
     said = scene.conclusion()
     assert said.verdict == "UNKNOWN"
-    assert said.sentence == "not known: the diagnosis was not done in time"
+    assert said.sentence == "the diagnosis was not done in time"
     assert said.bag == "/run.mcap" and not said.bag_closed
     assert said.bag_text == "the recorder has not closed the bag in time"
 
@@ -106,15 +106,15 @@ def test_a_diagnosis_that_has_nothing_to_say_is_waited_for_shortly(scene):
     assert scene.awaited() == "waiting for the verdict"
     scene.waits(0.2)
     assert scene.awaited() == ""
-    assert "nothing on the whole run" in scene.conclusion().sentence
+    assert "not published" in scene.conclusion().sentence
 
 
 def test_nodes_that_are_not_there_are_not_waited_for(scene):
     scene.ends()
     assert scene.awaited() == ""
     said = scene.conclusion()
-    assert said.verdict == "UNKNOWN" and said.sentence == "not known: there is no diagnosis node"
-    assert said.bag == "" and not said.bag_closed and said.bag_text.startswith("not known: no rec")
+    assert said.verdict == "UNKNOWN" and said.sentence == "no diagnosis node is running"
+    assert said.bag == "" and not said.bag_closed and said.bag_text.startswith("no recorder")
     # Nor are those that work on another run, or know nothing of this one.
     scene.says("diagnosis", run_id="another", work_left="0")
     scene.says("recorder", run_id="another")
@@ -133,7 +133,7 @@ def test_nodes_that_were_lost_are_not_waited_for_and_named(scene):
     scene.now += WORKER_LIMIT
     assert scene.awaited() == ""
     said = scene.conclusion()
-    assert said.sentence == "not known: diagnosis node /diagnosis is silent for 3.0 s"
+    assert said.sentence == "diagnosis node /diagnosis is silent for 3.0 s"
     assert said.bag == "/run.mcap" and not said.bag_closed
     assert said.bag_text == "recorder node /recorder is silent for 3.0 s"
 
@@ -145,7 +145,7 @@ def test_failures_are_told_in_the_words_of_those_who_failed(scene):
     scene.waits(LAST_WORD_LIMIT)
     assert scene.awaited() == ""
     said = scene.conclusion()
-    assert said.sentence == "not known: the lines cannot be diagnosed: too few"
+    assert said.sentence == "the lines cannot be diagnosed: too few"
     assert not said.bag_closed and said.bag_text == "/run.mcap: the disk is full"
 
 

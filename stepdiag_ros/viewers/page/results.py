@@ -309,10 +309,10 @@ class VerdictSection(PageSection):
         """Return verdict, gap and findings in words."""
         told = self._summary
         if told is None:
-            return {"verdict": None, "sentence": "no line has been compared with the model yet"}
+            return {"verdict": None, "sentence": "no pass has been compared with the model yet"}
         if told.verdict == NOT_TESTABLE and not told.run_over and told.lines < told.lines_planned:
             # The lines that are left may tell it; advice is for a plan that is measured.
-            lines = f"{told.lines} of {told.lines_planned} lines"
+            lines = f"{told.lines} of {told.lines_planned} passes"
             sentence = f"not yet: {lines} do not show whether model and run agree"
             return {"verdict": None, "sentence": sentence}
         return {

@@ -7,7 +7,7 @@ from typing import Any
 
 from stepdiag_ros.viewers.page.state import PageState
 from stepdiag_ros.viewers.terminal.glyphs import Glyphs
-from stepdiag_ros.viewers.terminal.sections import largest, of_lines, worst_lines
+from stepdiag_ros.viewers.terminal.sections import largest, of_passes, worst_lines
 
 _FIGURE = re.compile(r"[-+]?\d+(\.\d+)?")
 
@@ -108,7 +108,7 @@ class Journal:
             f"{one['name']} {' at '.join(filter(None, largest(one)))}" for one in curves["curves"]
         ]
         shown += [f"{one['name']} {one['text']}" for one in squareness]
-        self.write(f"result: {curves['method']}, {of_lines(curves['lines'])}: {'; '.join(shown)}")
+        self.write(f"result: {curves['method']}, {of_passes(curves['lines'])}: {'; '.join(shown)}")
 
     def _tell_worst(self, worst: dict[str, Any]) -> None:
         for line in worst_lines(worst):
@@ -118,7 +118,7 @@ class Journal:
     def _tell_verdict(self, verdict: dict[str, Any]) -> None:
         if verdict["verdict"] is None or not self._is_news("verdict", verdict):
             return
-        lines = f"{verdict['lines']} of {verdict['lines_planned']} lines"
+        lines = f"{verdict['lines']} of {verdict['lines_planned']} passes"
         lines += "" if verdict["final"] else ", so far"
         found = "".join(f"; found: {one['label']}" for one in verdict["findings"])
         self.write(f"verdict: {verdict['verdict']}, {lines}: {verdict['sentence']}{found}")

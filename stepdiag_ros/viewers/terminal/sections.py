@@ -46,9 +46,9 @@ def titled(title: str, text: str = "", style: str = "") -> Text:
     return Text().append(title, TITLE).append(text, style)
 
 
-def of_lines(count: int) -> str:
-    """Return a count of lines in words."""
-    return "1 line" if count == 1 else f"{count} lines"
+def of_passes(count: int) -> str:
+    """Return a count of passes in words."""
+    return "1 pass" if count == 1 else f"{count} passes"
 
 
 def run_lines(run: Document, progress: Document, signs: Glyphs) -> Lines:
@@ -60,7 +60,7 @@ def run_lines(run: Document, progress: Document, signs: Glyphs) -> Lines:
     if run["state"] is None:
         return lines
     if run["line"]:
-        place = f"line {run['line_number']} of {run['line_count']}: {run['line']}"
+        place = f"pass {run['line_number']} of {run['line_count']}: {run['line']}"
         if run["block_count"]:
             place += f", block {run['block']} of {run['block_count']}"
         lines.append(Text(f"{place}, stop {run['stop']} (0 to {run['stop_count'] - 1})"))
@@ -71,7 +71,7 @@ def run_lines(run: Document, progress: Document, signs: Glyphs) -> Lines:
         told += f", time left {run['remaining']}"
     incomplete = sum(course["incomplete"] for course in progress["courses"])
     if incomplete:
-        told += f", {of_lines(incomplete)} incomplete"
+        told += f", {of_passes(incomplete)} incomplete"
     if run["target"]:
         lines.append(Text(run["target"]))
     lines.append(Text(f"{signs.bar(run['share'], _RUN_BAR)} {round(run['share'] * 100)} %, {told}"))
@@ -185,7 +185,7 @@ def curve_lines(curves: Document, width: int, signs: Glyphs) -> Lines:
     if not curves["curves"]:
         told = f"{curves['method']} determines no curves" if curves["method"] else "no result yet"
         return [titled("Largest errors: ", told)]
-    of = f", {curves['method']}, {of_lines(curves['lines'])}"
+    of = f", {curves['method']}, {of_passes(curves['lines'])}"
     lines = [titled("Worst (U 95 %)", of)]
     room = width - _FIGURES - 1
     for one in curves["curves"]:
@@ -240,7 +240,7 @@ def verdict_lines(verdict: Document) -> Lines:
     if verdict["verdict"] is None:
         return [titled("Verdict: ", verdict["sentence"])]
     title = titled("Verdict: ", verdict["verdict"], _VERDICTS.get(verdict["verdict"], _DOUBTFUL))
-    lines = f"{verdict['lines']} of {of_lines(verdict['lines_planned'])}"
+    lines = f"{verdict['lines']} of {of_passes(verdict['lines_planned'])}"
     lines += "" if verdict["final"] else ", so far"
     gap = f"gap rms {verdict['gap']['rms']}, largest {verdict['gap']['largest']}"
     told = [title.append(f"; {lines}; {gap}"), Text(verdict["sentence"])]

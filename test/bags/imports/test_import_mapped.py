@@ -315,7 +315,7 @@ def test_the_command_says_what_it_made_and_refuses_in_one_sentence(tmp_path, cap
     bag = tmp_path / "b.mcap"
     assert main(["import", str(COLUMNS), str(bag), "--mapping", "runs_in_columns"]) == 0
     shown = capsys.readouterr()
-    assert "4 lines with 24 stops, 5 blocks" in shown.out and "note: where Y and Z" in shown.err
+    assert "4 passes with 24 stops, 5 blocks" in shown.out and "note: where Y and Z" in shown.err
     assert main(["info", str(bag)]) == 0
     assert f"{COLUMNS.name}, SHA-256 " in capsys.readouterr().out
     assert main(["export", str(bag), "--output", str(tmp_path / "out"), "--attachments"]) == 0

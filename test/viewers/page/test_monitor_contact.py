@@ -184,7 +184,7 @@ def test_what_later_lines_may_tell_is_not_advised_before(state, summary):
     state.take(untold)
     assert state.document("verdict") == {
         "verdict": None,
-        "sentence": f"not yet: 1 of {planned} lines do not show whether model and run agree",
+        "sentence": f"not yet: 1 of {planned} passes do not show whether model and run agree",
     }
     # Once no line is left, or the run is over, it is as the diagnosis has it.
     for final in (replace(untold, lines=planned), replace(untold, run_over=True)):

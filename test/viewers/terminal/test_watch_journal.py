@@ -78,7 +78,7 @@ def test_results_and_verdict(told, run):
     worst = state.document("worst")
     assert largest.endswith(f": {worst['text']} at {worst['where']}")
     curves, figures = state.document("curves"), state.document("squareness")["figures"]
-    assert line.startswith(f"result: {curves['method']}, {curves['lines']} lines: ")
+    assert line.startswith(f"result: {curves['method']}, {curves['lines']} passes: ")
     worst = curves["curves"][0]["worst"]
     assert f"{curves['curves'][0]['name']} {worst['text']} at {worst['at']:g} mm; " in line
     assert line.endswith(f"; {figures[-1]['name']} {figures[-1]['text']}")

@@ -81,7 +81,7 @@ def test_an_ended_run_has_all_essentials(ended, run, width, height):
         block.nominal_displacement - block.displacement, block.standard_uncertainty
     )
     assert f"last: {block.axis} {block.block}, {deviation}" in text
-    assert f"Least squares, {result.lines} lines" in text
+    assert f"Least squares, {result.lines} passes" in text
     for one in ended["curves"]["curves"]:
         shown = one["worst"]["text"] if one["worst"] else "unknown"
         assert f"{one['name']} {shown}" in text
@@ -108,7 +108,7 @@ def test_before_anything_is_known_all_is_said_to_be_unknown():
         "humidity unknown, machine unknown",
         "Largest errors: no result yet",
         *(f"{name} {words} unknown" for name, words in zip(SQUARENESS, PAIRS, strict=True)),
-        "Verdict: no line has been compared with the model yet",
+        "Verdict: no pass has been compared with the model yet",
     ):
         assert said in text, said
     assert " 0" not in text.replace(HEADING.time, "")

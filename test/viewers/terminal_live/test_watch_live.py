@@ -39,7 +39,8 @@ def test_the_log_tells_what_was_published(cell):
     result = to_volumetric_errors(cell.result())
 
     def told():
-        return [line for line in cell.logged() if line.startswith("result: Least squares, 6 lines")]
+        start = "result: Least squares, 6 passes"
+        return [line for line in cell.logged() if line.startswith(start)]
 
     cell.wait(lambda: bool(told()), "the last result")
     for one in squareness(result):

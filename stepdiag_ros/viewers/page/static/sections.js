@@ -117,8 +117,8 @@ function stop(told) {
     : last?.note
     ? `${last.note} Counted from the first stop of the station.`
     : last?.expected_by
-    ? `Expected by ${last.expected_by} from the lines so far. Counted from the first stop of the setup.`
-    : "The lines so far do not predict this stop. Counted from the first stop of the setup.");
+    ? `Expected by ${last.expected_by} from the passes so far. Counted from the first stop of the setup.`
+    : "The passes so far do not predict this stop. Counted from the first stop of the setup.");
   drawStops(told.trace);
 }
 
@@ -130,7 +130,7 @@ function blocks(told) {
 }
 
 function curves(told) {
-  const by = `${told.method}, from ${told.lines} lines`;
+  const by = `${told.method}, from ${told.lines} passes`;
   const drawn = told.curves.length ? `${by}; band: U (95 %)` : `${by}: it tells no curves`;
   say("curves-method", told.method ? drawn : "no result yet");
   list("curves-unknown", [...told.not_determined, ...told.remarks].map((text) => [text]));
@@ -153,7 +153,7 @@ const VERDICTS = { CONSISTENT: "good", NAMED: "care", AMBIGUOUS: "care", UNEXPLA
 
 function verdict(told) {
   badge("verdict-word", told.verdict ?? "", VERDICTS[told.verdict] ?? "");
-  const lines = told.verdict == null ? "" : `${told.lines} of ${told.lines_planned} lines`;
+  const lines = told.verdict == null ? "" : `${told.lines} of ${told.lines_planned} passes`;
   const soFar = told.verdict == null || told.final ? "" : ` so far (${lines})`;
   // What a part of the lines shows is no result yet, and looks like none.
   const look = soFar ? "" : VERDICTS[told.verdict] ?? "";
