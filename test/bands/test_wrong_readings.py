@@ -7,6 +7,7 @@ import pytest
 from plausible_machines import draw
 
 from stepdiag_ros.metrology.discrepancy import diagnose
+from stepdiag_ros.metrology.discrepancy.wrong_reading import WrongReading
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -23,4 +24,4 @@ def test_a_reading_that_is_off_is_named_and_no_other(seed, size):
     lines = list(run.lines)
     lines[number] = replace(line, displacement=displacement)
     found = diagnose(replace(run, lines=tuple(lines)))
-    assert found.wrong_readings == ((f"stop {stop} of {line.line}",) if size else ())
+    assert found.wrong_readings == ((WrongReading(number, stop, size).words(run),) if size else ())

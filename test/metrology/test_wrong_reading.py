@@ -6,6 +6,7 @@ from hidden_runs import NOISE, hidden_run, with_change
 
 from stepdiag_ros.metrology.discrepancy import CONSISTENT, NAMED, diagnose
 from stepdiag_ros.metrology.discrepancy.findings import UNEXPLAINED
+from stepdiag_ros.metrology.discrepancy.wrong_reading import WrongReading
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.effect import ActiveEffect
 from stepdiag_ros.metrology.effects.stops import stops_of
@@ -20,8 +21,15 @@ def spiked(run, row, size):
     stops = stops_of(run)
     added = np.zeros(len(stops.time))
     added[row] = size
-    line = run.lines[stops.pass_index[row]].line
-    return with_change(run, added), f"stop {stops.number[row]} of {line}"
+    wrong = WrongReading(int(stops.pass_index[row]), int(stops.number[row]), size)
+    return with_change(run, added), wrong.words(run)
+
+
+def test_a_reading_is_named_by_pass_stop_and_place():
+    run = hidden_run(**SETTINGS)
+    number = next(at for at, one in enumerate(run.lines) if one.line.name == "z")
+    words = WrongReading(number, 3, 1e-6).words(run)
+    assert words == f"stop 3 of {run.lines[number].line} (X 0, Y 0, Z 30 mm)"
 
 
 @pytest.mark.parametrize("seed", range(4))

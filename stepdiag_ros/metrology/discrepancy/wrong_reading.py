@@ -23,8 +23,9 @@ from stepdiag_ros.metrology.discrepancy.locate import gap_map
 from stepdiag_ros.metrology.discrepancy.loose import LARGEST_WANDER, loosened
 from stepdiag_ros.metrology.discrepancy.noise import Noise
 from stepdiag_ros.metrology.effects.stops import Stops
+from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import Measurement
-from stepdiag_ros.metrology.units import IN_MICRO
+from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 
 _SEEN = 1e-3
 """Share of a reading's own error beyond which the baseline does not follow it."""
@@ -62,8 +63,11 @@ class WrongReading:
         return replace(measurement, lines=tuple(lines))
 
     def words(self, measurement: Measurement) -> str:
-        """Say which reading it is, for example ``stop 3 of ppp XYZ backward, repeat 0``."""
-        return f"stop {self.stop} of {measurement.lines[self.line].line}"
+        """Say which reading it is: ``stop 3 of z forward, repeat 0 (X 0, Y 0, Z 30 mm)``."""
+        line = measurement.lines[self.line]
+        place = zip(AXES, line.target[self.stop], strict=True)
+        where = ", ".join(f"{axis} {value * IN_MILLI:g}" for axis, value in place)
+        return f"stop {self.stop} of {line.line} ({where} mm)"
 
 
 def are_slips(wrong: Sequence[WrongReading]) -> bool:
