@@ -33,6 +33,8 @@ class AxisWithoutLine:
         uncertainty: expected standard uncertainty of the curve, largest over the nodes, m.
         with_line: the same if each axis without a line had one, m.
         seconds: time for such a line, run as often as the others, its alignment included, s.
+        volumetric_with_line: expected standard uncertainty, if each axis had a line, of the error
+            of the mirror's point, largest over the box, m.
     """
 
     axis: str
@@ -40,6 +42,7 @@ class AxisWithoutLine:
     uncertainty: float
     with_line: float
     seconds: float
+    volumetric_with_line: float
 
 
 def axes_without_line(
@@ -93,6 +96,7 @@ def axes_without_line(
             expected.positioning[curve],
             better.positioning[curve],
             offer.alignment + offer.seconds,
+            better.volumetric,
         )
         for (letter, _, curve), offer in zip(missing, offers, strict=True)
         if better.positioning[curve] < _WORTH * expected.positioning[curve]

@@ -31,11 +31,24 @@ def test_an_axis_without_a_line_is_named_with_its_uncertainty_and_the_price_of_a
     assert full.without_line == ()
     assert one.with_line == pytest.approx(full.with_rotations.positioning["E_XX"], rel=0.05)
     assert one.uncertainty > 3.0 * one.with_line
+    assert one.volumetric_with_line == pytest.approx(full.with_rotations.volumetric, rel=0.05)
     taken = [line for line in duration(whole, machine).lines if line.setup == "x"]
     assert one.seconds == pytest.approx(sum(line.total for line in taken), rel=0.05)
     said = [text for text in summary_sentences(assessment, None) if "E_XX" in text]
     assert len(said) == 1 and f"{2e6 * one.uncertainty:.0f}"[0] in said[0]
     assert not any("E_XX" in text for text in summary_sentences(full, None))
+
+
+def test_lines_from_the_first_corner_that_widen_the_box_are_explained():
+    _, plan = without("x")
+    assessment = assess(plan, load_machine("demo")[0], NOISE)
+    (one,) = assessment.without_line
+    now, texts = assessment.with_rotations.volumetric, []
+    for then in (0.5 * now, 2.0 * now, float("nan")):
+        changed = replace(assessment, without_line=(replace(one, volumetric_with_line=then),))
+        texts.append([text for text in summary_sentences(changed, None) if "anywhere" in text])
+    (better,), (worse,), unknown = texts
+    assert unknown == [] and "rotations" in worse and "rotations" not in better
 
 
 def test_a_line_at_another_edge_does_not_take_the_place_of_that_from_the_first_corner():

@@ -190,6 +190,28 @@ def _room_sentences(assessment: Assessment) -> list[str]:
     return sentences
 
 
+def _box_with_lines(assessment: Assessment) -> list[str]:
+    """Say what lines from the first corner would do to the errors in the whole box."""
+    if not assessment.without_line:
+        return []
+    now = assessment.with_rotations.volumetric
+    then = assessment.without_line[0].volumetric_with_line
+    if not isfinite(now) or not isfinite(then):
+        return []
+    sizes = [size_words(COVERAGE_FACTOR * one, "m") for one in (now, then)]
+    why = ""
+    if then > now:
+        why = (
+            ": such a line gives the error at the first corner alone, and the rotations that these"
+            " lines do not show act from there with the whole length of the box"
+        )
+    count = "this line" if len(assessment.without_line) == 1 else "these lines"
+    return [
+        f"With {count}, U of the error of the mirror's point anywhere in the box would be"
+        f" {sizes[1]} instead of {sizes[0]}{why}."
+    ]
+
+
 def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> list[str]:
     """Return what comes first: how long, how many, how well, and why this plan."""
     duration = assessment.duration
@@ -222,6 +244,7 @@ def summary_sentences(assessment: Assessment, proposal: PlanProposal | None) -> 
         f" {size_words(COVERAGE_FACTOR * one.with_line, 'm')}."
         for one in assessment.without_line
     ]
+    sentences += _box_with_lines(assessment)
     if proposal is not None:
         purpose, chosen = PURPOSES[proposal.request.purpose], proposal.chosen
         expected = size_words(chosen.uncertainty, purpose.unit)
