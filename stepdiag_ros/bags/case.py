@@ -192,8 +192,10 @@ def facts_of(top: Section) -> dict[str, str]:
     made = {}
     for name in FACTS:
         if name in section.keys():  # noqa: SIM118
-            number = name.endswith("_per_K")
-            made[name] = f"{section.number(name):.9g}" if number else section.text(name)
+            if name.endswith("_per_K"):
+                made[name] = f"{section.number(name):.9g}"
+            else:
+                made[name] = section.day(name) if name.endswith("_date") else section.text(name)
     section.finish()
     return made
 

@@ -1,6 +1,7 @@
 """Checked reading of configuration: a refusal names the source, the key and what is expected."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import date
 from math import inf, nan
 from numbers import Real
 from typing import Any, TypeVar
@@ -187,6 +188,15 @@ class Section:
         value = self._take(key, default)
         if not isinstance(value, str):
             raise self._wrong(key, value, "a text", "malformed")
+        return value
+
+    def day(self, key: str) -> str:
+        """Return a date as text; YAML takes one without quotes for a date of its own."""
+        value = self._take(key, _MISSING)
+        if isinstance(value, date):
+            return value.isoformat()
+        if not isinstance(value, str):
+            raise self._wrong(key, value, "a date such as 2026-11-28", "malformed")
         return value
 
     def texts(self, key: str, default: Any = _MISSING) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -248,8 +249,9 @@ def test_an_overrun_is_told_once(tmp_path):
 
 def test_the_facts_of_a_case_file_are_in_the_document_and_in_the_bag(tmp_path, capsys):
     (tmp_path / "run.csv").write_bytes((CASES[0] / "run.csv").read_bytes())
-    facts = {"machine": "Portal 4", "operator": "A. Beispiel"}
-    case = {**yaml.safe_load((CASES[0] / "case.yaml").read_text()), "facts": facts}
+    facts = {"machine": "Portal 4", "test_date": "2026-11-28", "operator": "A. Beispiel"}
+    stated = {**facts, "test_date": date(2026, 11, 28)}
+    case = {**yaml.safe_load((CASES[0] / "case.yaml").read_text()), "facts": stated}
     (tmp_path / "case.yaml").write_text(yaml.safe_dump(case))
     assert main(["import", str(tmp_path / "run.csv"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["facts"] == facts

@@ -109,6 +109,7 @@ def with_told(given: Given, recorded: RecordedRun) -> Given:
         operator=given.operator or told.get("operator", ""),
         place=given.place or told.get("location", ""),
         serial=given.serial or told.get("machine_serial_number", ""),
+        laser_serial=given.laser_serial or told.get("instrument_serial_number", ""),
     )
 
 

@@ -18,7 +18,9 @@ from report.pages.page_reading import ReadPage, sections_without_archive
 from report.pages.written_runs import with_backlash_of_x, write_lines
 from standard_runs import measured, write_bag
 
+from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
+from stepdiag_ros.commands.solve import report_of
 from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.metrology.credibility import Misfit
 from stepdiag_ros.metrology.discrepancy.findings import (
@@ -34,6 +36,7 @@ from stepdiag_ros.metrology.refusal import Refusal, Unusable
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.report.pages import material, pictures
+from stepdiag_ros.report.pages.given import Given
 from stepdiag_ros.report.pages.lead import (
     EXCEEDS,
     KEEPS,
@@ -44,6 +47,7 @@ from stepdiag_ros.report.pages.lead import (
 )
 from stepdiag_ros.report.pages.page import chapter, page
 from stepdiag_ros.report.pages.pictures import Drawing, Drawn, Studio, draw, studio
+from stepdiag_ros.report.pages.sections.measurement import condition_facts
 from stepdiag_ros.report.pages.summary import DECISIONS, TITLE_OF_ERRORS, _decision
 from stepdiag_ros.text.table import Column, Table
 
@@ -471,3 +475,23 @@ def test_a_positioning_error_has_no_smaller_u_than_iso_230_2_states_for_it(tmp_p
     assert error["expanded_uncertainty"] == pytest.approx(stated)
     said = " ".join(document["summary"]["sentences"])
     assert "Nothing was stated" not in said and "--uncertainty" in said
+
+
+def test_what_the_source_states_stands_in_the_fields_of_the_report(tmp_path):
+    bag = tmp_path / "axis.mcap"
+    write_bag(bag, HEAD + PARTS["one axis, once"])
+    stated = {
+        "machine_serial_number": "0815-47",
+        "instrument": "counter X",
+        "instrument_serial_number": "12-3",
+        "test_date": "2026-11-28",
+    }
+    run, report = load_run(bag), report_of(bag, with_visibility=True)
+    imported = material.Material(replace(run, told_by_source=stated), report, Given())
+    facts = {fact.name: fact.text for fact in condition_facts(imported)}
+    assert facts["Machine number"] == "0815-47"
+    assert (facts["Instrument"], facts["Laser number"]) == ("counter X", "12-3")
+    assert "2026" in facts["Begun"]
+    silent = material.Material(replace(run, told_by_source={}), report, Given(laser_serial="7"))
+    facts = {fact.name: fact.text for fact in condition_facts(silent)}
+    assert (facts["Instrument"], facts["Laser number"]) == ("unknown", "7")

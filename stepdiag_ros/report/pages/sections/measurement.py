@@ -51,9 +51,9 @@ def _date(nanoseconds: int) -> datetime | None:
     return datetime.fromtimestamp(seconds, timezone.utc) if seconds > _ANY_DATE else None
 
 
-def _words_of(date: datetime | None, simulated: bool | None) -> str:
+def _words_of(date: datetime | None, simulated: bool | None, stated: str = "") -> str:
     if date is None:
-        return UNKNOWN
+        return stated or UNKNOWN
     # A simulated cell may run faster than time goes by, and its clock then ahead of any other.
     return f"{date:%Y-%m-%d %H:%M:%S} UTC{' (simulated clock)' if simulated else ''}"
 
@@ -76,7 +76,7 @@ def instrument(material: Material) -> str:
     """Return what the bag states about the interferometer, in words."""
     known = parameters(material, "interferometer")
     if not known:
-        return UNKNOWN
+        return material.recorded.told_by_source.get("instrument") or UNKNOWN
     parts = [f"driver {known.get('device', UNKNOWN)}"]
     if identity := known.get("hardware_id"):
         parts.append(f"number {identity}")
@@ -124,7 +124,7 @@ def _run_facts(material: Material) -> list[Fact]:
         ("Uncertainty of the instrument", _instrument_words(material)),
         ("Place", given.place or UNKNOWN),
         ("Measured by", given.operator or UNKNOWN),
-        ("Begun", _words_of(begin, report.simulated)),
+        ("Begun", _words_of(begin, report.simulated, recorded.told_by_source.get("test_date", ""))),
         ("Last line ended", _words_of(end, report.simulated)),
         ("Duration", duration or UNKNOWN),
         ("End of the run", (report.passes and report.passes.end) or UNKNOWN),
