@@ -64,6 +64,8 @@ def test_an_uncertainty_is_not_smaller_than_the_rounding_of_a_mean():
     for name, wide in coarse.standard_uncertainty.items():
         known = fine.standard_uncertainty[name] > 0.0
         assert np.all(wide[known] > fine.standard_uncertainty[name][known])
+    assert observe(rounded(run, 1e-7)).rounding_remarks == []
+    assert len(observe(rounded(run, 1e-6)).rounding_remarks) == 1
     observed = observe(rounded(run, 2e-6))
     passes = len(observed.passes) / len(observed.groups()[1])
     assert observed.step == 2e-6

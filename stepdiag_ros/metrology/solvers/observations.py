@@ -29,6 +29,8 @@ _OFF_GRID = 1e-4
 _ELSEWHERE = 1e-5
 """Standing axes of one setup may differ by less, m; no lever shows such a distance."""
 _CONSPICUOUS = 2.0
+_COARSE = 5e-7
+"""Step of readings, m, from which a remark is made: u of the rounding is 0.14 µm and more."""
 
 
 @dataclass(frozen=True)
@@ -234,8 +236,8 @@ class Observations:
 
     @property
     def rounding_remarks(self) -> list[str]:
-        """Say that rounding hides a part of itself; empty if it does not."""
-        if not self.rounding > 0.1 * self.step:
+        """Say that coarse rounding hides a part of itself; empty if it does not."""
+        if self.step < _COARSE or self.rounding < 0.1 * self.step:
             return []
         return [
             f"The readings come in steps of {self.step * IN_MICRO:g} µm, and repeats show little of"

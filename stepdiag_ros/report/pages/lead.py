@@ -352,7 +352,7 @@ def _of_laser(material: Material) -> str:
         f' "{known}" states'
     )
     if material.lower_bound:
-        return f"{words}; not all of them are known, so that every ± is a lower bound."
+        return f"{words}. Unknown: {material.unknown_sources}; every ± is a lower bound."
     return f"{words}."
 
 

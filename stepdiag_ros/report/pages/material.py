@@ -56,6 +56,8 @@ from stepdiag_ros.report.pages.given import Given
 from stepdiag_ros.words.positioning import uneven_reason
 
 _Made = TypeVar("_Made")
+_MOST_SOURCES = 4
+"""Sources of uncertainty that a sentence names."""
 _PARTS = (
     "machine",
     "weather",
@@ -303,6 +305,13 @@ class Material:
         known = single_errors(preferred, None if self.budget is None else self.budget.budget)
         tests = () if self.positioning is None else self.positioning.tests
         return at_least_of_tests(known, tests)
+
+    @property
+    def unknown_sources(self) -> str:
+        """Return the sources that act and are not known, in words; empty without a budget."""
+        names = () if self.budget is None else self.budget.budget.unknown_sources
+        more = f" and {len(names) - _MOST_SOURCES} more" if len(names) > _MOST_SOURCES else ""
+        return f"{', '.join(names[:_MOST_SOURCES])}{more}"
 
     @property
     def lower_bound(self) -> bool:

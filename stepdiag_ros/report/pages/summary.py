@@ -135,7 +135,9 @@ def _decision(material: Material, judged: ToleranceJudgement) -> str:
     said = f"{decision}{judged.reservation}"
     if judged.lower_bound:
         known = material.given.instrument_source
-        about = f"not all of {known} is known" if known else "of the instrument nothing was stated"
+        about = "of the instrument nothing was stated"
+        if known:
+            about = f"unknown: {material.unknown_sources}"
         said += f" ({about})"
     return f"{said}. {judged.basis}" if judged.basis else said
 
