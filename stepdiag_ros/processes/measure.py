@@ -162,7 +162,9 @@ class MeasuringSession:
         if state.run_id != run_id:
             self._tell(RunNews(f"run {state.run_id} was started"))
         if now is not before and now not in (State.IDLE, State.RUNNING):
-            self._tell(RunNews(f"run {state.run_id}: {state.text}"))
+            bag = self._folder / f"{file_name_of(state.run_id)}.mcap"
+            where = f"; bag: {bag}" if now in (State.FINISHED, State.ABORTED) else ""
+            self._tell(RunNews(f"run {state.run_id}: {state.text}{where}"))
         return state.run_id, now
 
     @contextmanager

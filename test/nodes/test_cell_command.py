@@ -68,6 +68,7 @@ def test_a_run_of_another_process_and_an_end_with_all_nodes(tmp_path):
         document = json.loads(done.stdout)
         assert document["outcome"] == "finished"
         assert Path(document["bag"]).parent == tmp_path
+        assert any(document["bag"] in line for line in cell.stderr), "the cell names no bag"
     finally:
         ended(cell, nodes)
 
