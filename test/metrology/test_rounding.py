@@ -1,5 +1,7 @@
 """Readings noted with too few digits: the step is seen, and what repeats hide of it is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden_runs import hidden_run, rounded
@@ -65,6 +67,13 @@ def test_an_uncertainty_is_not_smaller_than_the_rounding_of_a_mean():
         known = fine.standard_uncertainty[name] > 0.0
         assert np.all(wide[known] > fine.standard_uncertainty[name][known])
     assert observe(rounded(run, 1e-7)).rounding_remarks == []
+    # Where the scatter shows all of the rounding, nothing is taken for known that was not.
+    unknown = [
+        replace(line, standard_uncertainty=np.full(len(line.time), NAN))
+        for line in rounded(run, 1e-7).lines
+    ]
+    shown = observe(replace(run, lines=tuple(unknown)))
+    assert (shown.step, shown.rounding, shown.noise_known) == (1e-7, 0.0, False)
     assert len(observe(rounded(run, 1e-6)).rounding_remarks) == 1
     observed = observe(rounded(run, 2e-6))
     passes = len(observed.passes) / len(observed.groups()[1])

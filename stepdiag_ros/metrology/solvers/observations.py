@@ -29,6 +29,8 @@ _OFF_GRID = 1e-4
 _ELSEWHERE = 1e-5
 """Standing axes of one setup may differ by less, m; no lever shows such a distance."""
 _CONSPICUOUS = 2.0
+_NO_ROUNDING = 0.1
+"""Share of the scatter below which what repeats hide of the rounding is nothing beside it."""
 _COARSE = 5e-7
 """Step of readings, m, from which a remark is made: u of the rounding is 0.14 µm and more."""
 
@@ -231,8 +233,10 @@ class Observations:
             scatter = float(np.median(own)) if self.noise_known else 0.0
         rounding = shared_rounding(scatter, step)
         passes = len(forward) / len(self.groups()[1])
-        whole = np.hypot(own, np.sqrt(passes) * rounding)
-        return replace(self, uncertainty=whole, step=step, rounding=rounding)
+        shared = np.sqrt(passes) * rounding
+        if shared < _NO_ROUNDING * scatter:
+            return replace(self, step=step)
+        return replace(self, uncertainty=np.hypot(own, shared), step=step, rounding=rounding)
 
     @property
     def rounding_remarks(self) -> list[str]:
