@@ -18,6 +18,8 @@ from stepdiag_ros.metrology.geometry import Vector
 
 _STEPS = tuple(float(f"{first}e{power}") for power in range(-6, -10, -1) for first in (10, 5, 2))
 """That are looked for, m: from 10 µm to 2 nm, below which no reading is known."""
+NEGLIGIBLE = 0.1
+"""Share of the scatter below which what repeats hide of the rounding is nothing beside it."""
 _LEAST_READINGS = 8
 _NEAR = 1e-4
 """Distance from a multiple, in steps, that arithmetic may have left."""

@@ -16,7 +16,7 @@ import numpy as np
 from stepdiag_ros.metrology.discrepancy.baseline import Baseline
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import Vector
-from stepdiag_ros.metrology.rounding import shared_rounding
+from stepdiag_ros.metrology.rounding import NEGLIGIBLE, shared_rounding
 from stepdiag_ros.metrology.units import IN_MICRO
 
 REPEATS = "the differences of repeated passes"
@@ -96,9 +96,9 @@ def estimate_noise(baseline: Baseline, gap: Vector, stops: Stops, stated: float)
 def _with_rounding(noise: Noise, step: float, passes: float) -> Noise:
     """Add what all readings at a stop share, so that their mean has it in full."""
     shared = np.sqrt(passes) * shared_rounding(noise.size, step)
-    size = float(np.hypot(noise.size, shared))
-    if not size > noise.size:
+    if not shared >= NEGLIGIBLE * noise.size:
         return noise
+    size = float(np.hypot(noise.size, shared))
     return replace(
         noise,
         size=size,

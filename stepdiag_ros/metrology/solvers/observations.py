@@ -18,7 +18,7 @@ from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_s
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
 from stepdiag_ros.metrology.plan import DIAGONAL, FORWARD, LINEAR, Volume
 from stepdiag_ros.metrology.refusal import Refusal
-from stepdiag_ros.metrology.rounding import reading_step, shared_rounding
+from stepdiag_ros.metrology.rounding import NEGLIGIBLE, reading_step, shared_rounding
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
 from stepdiag_ros.metrology.units import IN_MICRO
 
@@ -29,8 +29,6 @@ _OFF_GRID = 1e-4
 _ELSEWHERE = 1e-5
 """Standing axes of one setup may differ by less, m; no lever shows such a distance."""
 _CONSPICUOUS = 2.0
-_NO_ROUNDING = 0.1
-"""Share of the scatter below which what repeats hide of the rounding is nothing beside it."""
 _COARSE = 5e-7
 """Step of readings, m, from which a remark is made: u of the rounding is 0.14 µm and more."""
 
@@ -234,7 +232,7 @@ class Observations:
         rounding = shared_rounding(scatter, step)
         passes = len(forward) / len(self.groups()[1])
         shared = np.sqrt(passes) * rounding
-        if shared < _NO_ROUNDING * scatter:
+        if shared < NEGLIGIBLE * scatter:
             return replace(self, step=step)
         return replace(self, uncertainty=np.hypot(own, shared), step=step, rounding=rounding)
 
