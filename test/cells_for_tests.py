@@ -106,3 +106,11 @@ lines:
   - {kind: step_diagonal, names: [ppp], directions: [forward, backward]}
 sampling: {dwell_s: 0.3, settle_s: 0.1, window_s: 0.2}
 """
+
+
+def rounded(run, step):
+    """Return a run whose readings were noted in steps of so many m."""
+    lines = tuple(
+        replace(line, displacement=np.round(line.displacement / step) * step) for line in run.lines
+    )
+    return replace(run, lines=lines)

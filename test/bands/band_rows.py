@@ -6,6 +6,7 @@ fixes (the first node, the last of three curves) is no estimate and not counted.
 """
 
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 from plausible_machines import FIXED_AT_END
@@ -24,6 +25,7 @@ from stepdiag_ros.metrology.standards.iso230_6 import diagonal_groups
 from stepdiag_ros.metrology.standards.positioning_uncertainty import UncertaintyDescription
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
+from stepdiag_ros.metrology.uncertainty.instrument import Spread
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 NORMAL_95 = 1.959964
@@ -122,6 +124,15 @@ def step_rows(machine):
         setup = next(line.setup for line in first.lines if line.line.name == one.line)
         true = truth.tilts(setup, one.line)
         rows.add("setup errors: tilts", one.angles - true, one.angle_uncertainty)
+    return rows.all()
+
+
+def solved_rows(machine, truth, measured):
+    """Return the rows of results and budgets, of which nobody has stated the angular errors."""
+    rows, unstated = Rows(), replace(machine.instrument, angular_errors=Spread())
+    for method in ("setup_robust", "least_squares"):
+        add_result(rows, method, truth, solve(measured, method))
+        add_budget(rows, method, truth, make_budget(measured, unstated, method))
     return rows.all()
 
 

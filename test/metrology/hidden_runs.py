@@ -32,11 +32,3 @@ def with_change(run, added):
         for line, part in zip(run.lines, parts, strict=True)
     )
     return replace(run, lines=lines)
-
-
-def rounded(run, step):
-    """Return a run whose readings were noted in steps of so many m."""
-    lines = tuple(
-        replace(line, displacement=np.round(line.displacement / step) * step) for line in run.lines
-    )
-    return replace(run, lines=lines)

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_runs import hidden_run, rounded
+from cells_for_tests import rounded
+from hidden_runs import hidden_run
 from hypothesis import given
 from hypothesis import strategies as some
 
