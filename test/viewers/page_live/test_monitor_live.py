@@ -107,7 +107,7 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
     shows("#run-id", state.run_id)
 
     result = to_volumetric_errors(cell.last(topics.VOLUMETRIC_ERRORS, method="least_squares"))
-    shows("#curves-method", f"Least squares, from {result.lines} lines; band: U (95 %)")
+    shows("#curves-method", f"Least squares, from {result.lines} passes; band: U (95 %)")
     shown = page.evaluate(
         "[...document.querySelectorAll('.curve')].map(one =>"
         " [one.dataset.name, one.querySelector('.chart').dataset.values])"
@@ -132,7 +132,7 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
     )
 
     diagnosis = cell.last(topics.DIAGNOSIS, run_over=True)
-    lines = f"{diagnosis.lines} of {diagnosis.lines_planned} lines"
+    lines = f"{diagnosis.lines} of {diagnosis.lines_planned} passes"
     shows("#verdict-lines", lines)
     shows("#verdict-word", diagnosis.verdict)
     shows("#headline-verdict", diagnosis.verdict)

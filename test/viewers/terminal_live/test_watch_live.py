@@ -45,7 +45,7 @@ def test_the_log_tells_what_was_published(cell):
     cell.wait(lambda: bool(told()), "the last result")
     for one in squareness(result):
         assert one.replace("|", " ") in told()[-1]
-    verdict = f"verdict: {diagnosis.verdict}, {diagnosis.lines} of {diagnosis.lines_planned} lines"
+    verdict = f"verdict: {diagnosis.verdict}, {diagnosis.lines} of {diagnosis.lines_planned} passes"
     cell.wait(lambda: any(line.startswith(verdict) for line in cell.logged()), "the last verdict")
     lines = cell.logged()
     assert sum(line.startswith("run ") for line in lines) == 1
