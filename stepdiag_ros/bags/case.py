@@ -191,13 +191,12 @@ def facts_of(top: Section) -> dict[str, str]:
     section = top.section("facts")
     made = {}
     for name in FACTS:
-        if name in section.keys():  # noqa: SIM118
-            if name.endswith("_per_K"):
-                made[name] = f"{section.number(name):.9g}"
-            else:
-                made[name] = section.day(name) if name.endswith("_date") else section.text(name)
+        if name.endswith("_per_K"):
+            made[name] = f"{section.number(name, default=0.0):.9g}"
+        else:
+            made[name] = section.day(name, "") if name.endswith("_date") else section.text(name, "")
     section.finish()
-    return made
+    return {name: text for name, text in made.items() if name in section.keys()}  # noqa: SIM118
 
 
 def _chain(section: Section, mapping: Mapping[str, Any]) -> str:

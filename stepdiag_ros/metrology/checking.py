@@ -190,9 +190,9 @@ class Section:
             raise self._wrong(key, value, "a text", "malformed")
         return value
 
-    def day(self, key: str) -> str:
+    def day(self, key: str, default: Any = _MISSING) -> str:
         """Return a date as text; YAML takes one without quotes for a date of its own."""
-        value = self._take(key, _MISSING)
+        value = self._take(key, default)
         if isinstance(value, date):
             return value.isoformat()
         if not isinstance(value, str):

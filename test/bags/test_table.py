@@ -11,7 +11,7 @@ import pytest
 import yaml
 from refused import a_fault, refused
 
-from stepdiag_ros.bags.case import FACTS
+from stepdiag_ros.bags.case import FACTS, facts_of
 from stepdiag_ros.bags.errors import BagError, TableError
 from stepdiag_ros.bags.export import export_bag
 from stepdiag_ros.bags.reader import BagReader
@@ -19,7 +19,9 @@ from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.bags.table import import_table, load_table, read_table
 from stepdiag_ros.bags.table_rows import COLUMNS, OPTIONAL_COLUMNS
 from stepdiag_ros.cli import main
+from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, LINE_NAMES, Line, Volume
+from stepdiag_ros.metrology.refusal import Refusal
 
 DOCS = Path(__file__).parents[2] / "docs"
 CASE_KEYS = (*BOX_KEYS, *COURSE_KEYS, *FACTS, "chain", "dead_path_m", "reading_noise_m")
@@ -258,6 +260,14 @@ def test_the_facts_of_a_case_file_are_in_the_document_and_in_the_bag(tmp_path, c
     run = load_run(tmp_path / "run.mcap")
     assert dict(run.told_by_source) == facts
     assert run.machine["name"] == "Portal 4"
+
+
+def test_a_misspelt_fact_is_refused_with_its_name():
+    with refused(Refusal, "unknown", "operater"):
+        facts_of(Section({"facts": {"operater": "A. Beispiel"}}, "case.yaml"))
+    with refused(Refusal, "malformed", "test_date"):
+        facts_of(Section({"facts": {"test_date": 20261128}}, "case.yaml"))
+    assert facts_of(Section({}, "case.yaml")) == {}
 
 
 def test_what_says_nothing_of_a_run_table_is_refused(tmp_path, capsys):
