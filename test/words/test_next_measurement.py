@@ -9,6 +9,7 @@ from standard_runs import PLAN, measured
 from stepdiag_ros.metrology.discrepancy import patterns
 from stepdiag_ros.metrology.discrepancy.findings import CONSISTENT, UNEXPLAINED, Pattern
 from stepdiag_ros.metrology.discrepancy.patterns import JUMP
+from stepdiag_ros.metrology.discrepancy.wrong_reading import WrongReading
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.words.next_measurement import _ADVICE, _SETTLING, next_sentences
 
@@ -93,6 +94,8 @@ def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
 
 
 def test_of_several_wrong_readings_each_is_to_be_looked_at():
-    which = ("stop 3 of x forward, repeat 0", "stop 5 of ppp XYZ backward, repeat 1")
+    _, run = measured(PLAN)
+    which = tuple(WrongReading(number, 3, 1e-6).words(run) for number in (0, len(run.lines) - 1))
     (advice,) = next_sentences(_Found(UNEXPLAINED, wrong_readings=which))
-    assert all(one in advice for one in which)
+    # Whoever noted the readings finds them in the table by their places.
+    assert all(one in advice and one.endswith(" mm)") for one in which)
