@@ -274,6 +274,32 @@ def test_a_clock_that_is_set_back_acts_at_once_and_one_set_forward_later(clock):
     assert clock.time(15999) == ZERO + 8_000_000 + 15999 * clock.period
 
 
+def test_cycles_are_later_than_a_status_that_was_told_while_they_stalled(clock, monkeypatch):
+    import stepdiag_cycles
+
+    cycles, numbers = object.__new__(stepdiag_cycles.Cycles), []
+    cycles.clock, cycles.latest = clock, 0
+    cycles._stream = SimpleNamespace(sampleno=0)
+
+    def read():
+        if not numbers:
+            return None
+        cycles._stream.sampleno = numbers.pop(0)
+        return [0.0]
+
+    cycles._stream.read = read
+    seen = [0]
+    monkeypatch.setattr(stepdiag_cycles.time, "time_ns", lambda: ZERO + seen[0])
+    numbers[:], seen[0] = range(1, 100), 100_000_000
+    before = [at for at, _ in cycles.read(0)]
+    # The thread stands still for 300 ms; its cycles, counted on, go on after what was told then.
+    told = before[-1] + 250_000_000
+    numbers[:], seen[0] = range(100, 500), 800_000_000
+    later = [at for at, _ in cycles.read(told)]
+    assert before == sorted(set(before)) and later == sorted(set(later))
+    assert later[0] > told and later[-1] - later[-2] == clock.period
+
+
 @pytest.fixture
 def controller(monkeypatch):
     for made in (Channel, Messages):

@@ -110,7 +110,7 @@ class Controller:
             x, y, z = (hal.get_value(pin) for pin in self._feedback)
         self._motors = [hal.get_value(pin) for pin in self._pins]
         if self.cycles is not None:
-            self.samples = [self._sample(*one) for one in self.cycles.read()]
+            self.samples = [self._sample(*one) for one in self.cycles.read(self.time)]
             # The status is not of a later moment than cycles whose positions are still to come.
             now = self.cycles.latest if now - self.cycles.latest < STALL else now
         # Whoever sets the clock back does not make times fall.

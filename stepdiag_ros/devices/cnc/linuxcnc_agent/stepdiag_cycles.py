@@ -86,8 +86,13 @@ class Cycles:
             self.close()
             raise OSError(str(error)) from error
 
-    def read(self) -> list[Sample]:
-        """Return the cycles since the last call, in order; their times rise."""
+    def read(self, after: int) -> list[Sample]:
+        """Return the cycles since the last call, in order; their times rise.
+
+        Args:
+            after: time, ns, that all of them are later than: the status of a machine whose cycles
+                stalled was given a time by the clock, and cycles go on after that.
+        """
         found = []
         while (values := self._stream.read()) is not None:
             found.append((int(self._stream.sampleno), values))
@@ -95,7 +100,7 @@ class Cycles:
             self.clock.see(found[-1][0], time.time_ns())
         samples: list[Sample] = []
         for number, values in found:
-            self.latest = max(self.clock.time(number), self.latest + 1)
+            self.latest = max(self.clock.time(number), max(self.latest, after) + 1)
             samples.append((self.latest, values))
         return samples
 
