@@ -84,7 +84,8 @@ def test_temperatures_are_among_what_was_tried(stops):
 
 
 def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
-    which, drift = "stop 3 of x forward", look("growing with time")
+    _, run = measured(PLAN)
+    which, drift = WrongReading(0, 3, 1e-6).words(run), look("growing with time")
     for found in (
         _Found(UNEXPLAINED, drift, wrong_readings=(which,)),
         _Found(UNEXPLAINED, after=(drift,), wrong_readings=(which,)),
