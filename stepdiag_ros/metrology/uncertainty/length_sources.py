@@ -10,7 +10,7 @@ reading, are the slopes below; the derivatives of n are those of the equation it
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from stepdiag_ros.metrology.uncertainty.source import (
     DEAD_PATH,
     INSTRUMENT,
     MATERIAL,
+    PER_PLACE,
     PRODUCT,
     Source,
     common,
-    each_place,
     each_reading,
     each_setup,
 )
@@ -110,16 +110,10 @@ def _resolution(seen: Observations, stated: Spread) -> Source:
     name, each = "resolution of the counter", np.ones_like(seen.displacement)
     if not seen.rounding > 0.0 or stated.standard_uncertainty > seen.rounding:
         return each_reading(name, INSTRUMENT, stated, "m", each)
+    note = f"the readings come in steps of {seen.step * IN_MICRO:g} µm; what repeats do not show"
+    shown = each_reading(name, INSTRUMENT, Spread(seen.rounding), "m", each, note)
     place, _ = seen.groups()
-    return each_place(
-        name,
-        INSTRUMENT,
-        Spread(seen.rounding),
-        "m",
-        each,
-        place,
-        f"the readings come in steps of {seen.step * IN_MICRO:g} µm; what repeats do not show",
-    )
+    return replace(shown, correlation=PER_PLACE, member=place)
 
 
 def air_sources(readings: Readings, instrument: Instrument) -> list[Source]:

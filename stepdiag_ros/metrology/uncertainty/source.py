@@ -212,29 +212,6 @@ def each_reading(
     return _made(name, group, spread, unit, PER_READING, [slope], np.arange(len(slope)), note)
 
 
-def each_place(
-    name: str,
-    group: str,
-    spread: Spread,
-    unit: str,
-    slope: Vector,
-    place: Integers,
-    note: str = "",
-) -> Source:
-    """Return a type B source that has another value at each place; see ``Source``.
-
-    Args:
-        name: of the input.
-        group: of sources.
-        spread: what is known of it.
-        unit: of the input.
-        slope: m per unit, shape (n,).
-        place: of each reading, shape (n,).
-        note: what the reader should know.
-    """
-    return _made(name, group, spread, unit, PER_PLACE, [slope], place, note)
-
-
 def each_setup(
     name: str,
     group: str,
