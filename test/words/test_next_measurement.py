@@ -83,9 +83,14 @@ def test_temperatures_are_among_what_was_tried(stops):
     assert np.ptp(stops.air_temperature) > 0.0 and np.ptp(stops.material_temperature) > 0.0
 
 
-def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
+def wrong_readings(*passes):
+    """Return how a diagnosis names the fourth reading of some passes, by their places in a run."""
     _, run = measured(PLAN)
-    which, drift = WrongReading(0, 3, 1e-6).words(run), look("growing with time")
+    return tuple(WrongReading(number, 3, 1e-6).words(run) for number in passes)
+
+
+def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
+    (which,), drift = wrong_readings(0), look("growing with time")
     for found in (
         _Found(UNEXPLAINED, drift, wrong_readings=(which,)),
         _Found(UNEXPLAINED, after=(drift,), wrong_readings=(which,)),
@@ -95,8 +100,7 @@ def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
 
 
 def test_of_several_wrong_readings_each_is_to_be_looked_at():
-    _, run = measured(PLAN)
-    which = tuple(WrongReading(number, 3, 1e-6).words(run) for number in (0, len(run.lines) - 1))
+    which = wrong_readings(0, -1)
     (advice,) = next_sentences(_Found(UNEXPLAINED, wrong_readings=which))
     # Whoever noted the readings finds them in the table by their places.
     assert all(one in advice and one.endswith(" mm)") for one in which)
