@@ -268,12 +268,15 @@ class Design:
     @property
     def matrix(self) -> Vector:
         """Return the nominal matrix, shape (groups, p): readings' excess by unknowns, m."""
+        return self._dense(self._values)
+
+    def _dense(self, values: Vector) -> Vector:
+        """Return the matrix of these entries, shape (groups, p)."""
         groups = self._columns.shape[1]
         matrix = np.zeros((groups, self.count + 1))
         # Columns of a row differ except for the cut-off one.
-        matrix[np.arange(groups), self._columns] = self._values
-        nominal: Vector = matrix[:, : self.count]
-        return nominal
+        matrix[np.arange(groups), self._columns] = values
+        return matrix[:, : self.count]
 
     def _factor(self) -> None:
         """Invert the normal matrix, by Cholesky if all is determined, else by rank analysis."""
@@ -363,11 +366,31 @@ class Design:
             squares = float(np.sum(self.weight * (given - modelled) ** 2)) + self._repeat_squares
             squares += self.direct.squares(unknowns)
         return Fit(
+            unknowns,
             padded(unknowns)[..., self.curve_column.reshape(-1)] / self.curve_scale,
             unknowns[..., self.tilt_column] / self.arm,
             modelled,
             squares,
         )
+
+    def derivatives(self, fit: Fit) -> tuple[Vector, Vector]:
+        """Return what the unknowns do to the readings at a fit, and what readings do to the fit.
+
+        Fits of replicates end where the nominal matrix, transposed, times the residuals vanishes:
+        Aᵀ W (r - f(u)) = 0, so that du/dr = (Aᵀ W J)⁻¹ Aᵀ W with J = df/du.
+
+        Args:
+            fit: of this design's own readings.
+
+        Returns:
+            J, shape (groups, p), and du/dr, shape (p, groups).
+        """
+        nominal = self.matrix
+        exact = self._dense(self._model.derivatives(self._model.state(fit.unknowns), self._values))
+        change = self.covariance @ (nominal.T * self.weight)
+        # Written with A's own inverse, which stands for what the readings determine alone.
+        by_tilts = np.eye(self.count) + change @ (exact - nominal)
+        return exact, np.linalg.solve(by_tilts, change)
 
     def _refined(self, given: Vector, unknowns: Vector, state: ModelState) -> tuple[Vector, Vector]:
         """Go on to the very minimum from where the nominal matrix led.

@@ -10,12 +10,14 @@ class Fit:
     """A solution.
 
     Attributes:
+        unknowns: of the design, m, shape (..., p).
         curves: m and rad, shape (..., c(N+1)) in the order of ``Design.names``.
         tilts: rad, shape (..., diagonal setups, 2).
         fitted: excess of the readings' group means by the model, m, shape (..., groups).
         squares: weighted sum of squares of all residuals, NaN for replicates.
     """
 
+    unknowns: Vector
     curves: Vector
     tilts: Vector
     fitted: Vector

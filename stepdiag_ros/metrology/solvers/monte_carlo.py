@@ -20,8 +20,6 @@ from stepdiag_ros.metrology.solvers.observations import Integers, Observations, 
 from stepdiag_ros.metrology.solvers.rotations import Rotations, turned
 
 _CHUNK = 2_000_000
-_STEP = 1e-6
-"""m: change of a reading by which an iterated estimate is differentiated: as errors are large."""
 
 
 class Estimator(Protocol):
@@ -163,11 +161,14 @@ class LeastSquaresEstimator:
         return curves
 
     def jacobian(self) -> Vector:
-        """Return the derivatives at the solution, by central differences; see ``Estimator``."""
-        change = _STEP * np.eye(self._groups)
-        mean = self._design.mean
-        above, below = self.curves_of_means(mean + change), self.curves_of_means(mean - change)
-        by_group = (above - below).T / (2.0 * _STEP)
+        """Return the derivatives of ``curves`` at the readings themselves; see ``Estimator``."""
+        model, change = self._design.derivatives(self._design.fit())
+        by_group = self._design.of_curves(change)
+        if self._turned is not None:
+            factors = self._turned.factor_changes(model, change)
+            by_group += self._turned.change @ factors
+            by_group = np.concatenate([by_group, self._turned.curves @ factors])
+        by_group[self._unknown] = np.nan
         by_reading: Vector = by_group[:, self._group] * self._share
         return by_reading
 

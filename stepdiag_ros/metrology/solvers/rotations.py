@@ -218,6 +218,17 @@ class Turned:
         found: Vector = pull @ self.rotations.shrinkage
         return found
 
+    def factor_changes(self, model: Vector, change: Vector) -> Vector:
+        """Return what each averaged reading does to the modes' factors, rad/m, shape (k, groups).
+
+        Args:
+            model: of the readings by the unknowns, shape (groups, p); see ``Design.derivatives``.
+            change: of the unknowns by the readings, shape (p, groups).
+        """
+        pull = self.rotations.readings.T * self.design.weight
+        found: Vector = self.rotations.shrinkage.T @ (pull - (pull @ model) @ change)
+        return found
+
     def scatter(self) -> Vector:
         """Return what the readings' noise does to the curves by way of ``factors``, m²."""
         by_noise = self.change @ self.rotations.scatter
