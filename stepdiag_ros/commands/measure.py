@@ -136,6 +136,9 @@ def _lead(measured: "RunOutcome") -> "RunLead":
         unknown=measured.not_determined,
         volume=largest if known else None,
         expanded_uncertainty=measured.expanded_uncertainty,
+        budgeted=measured.budgeted,
+        # Nobody states laser, air and setup to a live run.
+        lower_bound=measured.budgeted,
     )
 
 

@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from math import nan
 
-from stepdiag_ros.evaluation.lead import RunLead, accuracy_of, lead_of
+from stepdiag_ros.bags.passes import Completeness
+from stepdiag_ros.evaluation.budget import with_budget
+from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
@@ -13,7 +15,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     NOT_TESTABLE,
     UNEXPLAINED,
 )
-from stepdiag_ros.metrology.plausible import Plausible
+from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.conformity import conformity
 from stepdiag_ros.metrology.standards.decision import Agreement, RunDecision
@@ -33,12 +35,20 @@ _AGREEMENTS = {
 
 
 def lead_of_results(
-    results: Mapping[str, VolumetricErrors], chain: str, plausible: Plausible
+    results: Mapping[str, VolumetricErrors], measurement: Measurement, passes: Completeness
 ) -> RunLead:
-    """Return the summary of results by method, before a diagnosis and without the recording."""
-    report = Report(tuple(results.values()), chain=chain)
-    best = report.preferred()
-    return lead_of(report, None if best is None else accuracy_of(best, chain, plausible))
+    """Return the summary of results by method, before a diagnosis and without the recording.
+
+    Its uncertainties are those that ``stepdiag solve`` states of the same lines.
+
+    Args:
+        results: of all methods that could be used.
+        measurement: that was solved.
+        passes: how much of the plan it is.
+    """
+    found = tuple(results.values())
+    report = Report(found, chain=measurement.chain, measurement=measurement, passes=passes)
+    return lead_of(with_budget(report))
 
 
 def decide(
@@ -71,6 +81,8 @@ def decide(
         diagnosis=_AGREEMENTS.get(lead.verdict.name, Agreement.UNKNOWN),
         worst_error=value,
         expanded_uncertainty=lead.expanded_uncertainty,
+        coverage_factor=lead.coverage_factor,
+        budgeted=lead.budgeted,
         worst_place=UNKNOWN_PLACE if volume is None else volume.position,
         tolerance=tolerance,
         method=method,

@@ -35,6 +35,7 @@ from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy, of_result
 from stepdiag_ros.metrology.target import TargetStanding
 from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.planning.undetermined import undetermined
 
 
@@ -56,6 +57,7 @@ class RunLead:
         volume: longest error vector in the measured box; None if not known.
         expanded_uncertainty: of that (95 %), m: with a budget the larger of U of the readings and U
             by the budget, without one U of the readings; NaN if not known.
+        coverage_factor: of this U.
         expanded_uncertainty_of_readings: U of the readings alone (95 %), m; NaN if not known.
         budgeted: an uncertainty budget is in the uncertainties.
         lower_bound: a source that acts is not known: uncertainties are lower bounds.
@@ -88,6 +90,7 @@ class RunLead:
     noise: bool = False
     volume: VolumetricAccuracy | None = None
     expanded_uncertainty: float = math.nan
+    coverage_factor: float = COVERAGE_FACTOR
     expanded_uncertainty_of_readings: float = math.nan
     budgeted: bool = False
     lower_bound: bool = True
@@ -206,6 +209,7 @@ def _sureness(report: Report, accuracy: VolumetricAccuracy | None) -> dict[str, 
     if accuracy is not None:
         sure = uncertainty_of_largest(report, accuracy, report.budget)
         fields["expanded_uncertainty"] = sure.expanded.value
+        fields["coverage_factor"] = sure.expanded.coverage_factor
         fields["expanded_uncertainty_of_readings"] = sure.of_readings.value
     return fields
 

@@ -177,6 +177,7 @@ ADDED_LATER = frozenset(
     for name in defaults_of(kind)
 ) | {
     "mirror_offset",
+    "budgeted",
     "outcome",
     "standing",
     "until",

@@ -6,7 +6,6 @@ from stepdiag_ros.messages.fields import set_header
 from stepdiag_ros.messages.target import write_target
 from stepdiag_ros.messages.types import new_message
 from stepdiag_ros.metrology.standards.decision import RunDecision
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.run.conclusion import Outcome
 from stepdiag_ros.topics import RUN_VERDICT
 
@@ -36,7 +35,7 @@ def from_decision(
     message.conformity, message.diagnosis = int(decision.conformity), int(decision.diagnosis)
     message.worst_error = decision.worst_error
     message.expanded_uncertainty = decision.expanded_uncertainty
-    message.coverage_factor = COVERAGE_FACTOR
+    message.coverage_factor, message.budgeted = decision.coverage_factor, decision.budgeted
     message.worst_place = list(decision.worst_place)
     message.tolerance = decision.tolerance
     message.method = decision.method

@@ -10,6 +10,7 @@ from math import nan
 from typing import Any, NamedTuple
 
 from stepdiag_ros import topics
+from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.configuration import (
     chain_from_text,
     plan_from_text,
@@ -66,7 +67,8 @@ def _solve_first(run: _Run, lines: Sequence[MeasuredLine], count: int) -> _Solve
     taken = tuple(lines[:count])
     measurement = Measurement(run.plan.volume, latest_attempts(taken), run.chain, run.plausible)
     found = solve_run(run.plan, measurement, taken[-1])
-    lead = lead_of_results(found.results, run.chain, run.plausible)
+    passes = Completeness(len(run.plan.lines), len(measurement.lines))
+    lead = lead_of_results(found.results, measurement, passes)
     target = None
     if run.pursuit is not None:
         target = standing(run.pursuit, measurement, found.results)

@@ -66,6 +66,7 @@ class RunOutcome:
         standing: how far the run came to its target; None if it has none.
         largest_error: length of the longest error vector in the measured box, m; NaN if not known.
         expanded_uncertainty: of that (95 %), m; NaN if not known.
+        budgeted: an uncertainty budget is in it.
         largest_at: where it is, machine coordinates, m.
         not_determined: names of the error curves (of nine) and squareness errors that are unknown.
     """
@@ -84,6 +85,7 @@ class RunOutcome:
     standing: TargetStanding | None = None
     largest_error: float = nan
     expanded_uncertainty: float = nan
+    budgeted: bool = False
     largest_at: tuple[float, float, float] = (nan, nan, nan)
     not_determined: tuple[str, ...] = ()
 
@@ -252,6 +254,7 @@ def _measured(result: Any, state: Any, verdict: Any) -> RunOutcome:
         measured,
         largest_error=verdict.worst_error,
         expanded_uncertainty=verdict.expanded_uncertainty,
+        budgeted=bool(verdict.budgeted),
         largest_at=tuple(verdict.worst_place),
         not_determined=tuple(verdict.not_determined),
     )

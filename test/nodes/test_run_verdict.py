@@ -10,6 +10,7 @@ from patience import PATIENCE
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
+from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.evaluation.decision import decide, lead_of_results
 from stepdiag_ros.evaluation.solving import solve_reproducibly
@@ -42,6 +43,13 @@ def measured():
     return simulate(plan_from_text(PLAN, "plan"), load_cell("demo")[0])
 
 
+def solved(measured):
+    """Return the summary of all that was planned."""
+    results, _ = solve_reproducibly(measured)
+    count = len(measured.lines)
+    return lead_of_results(results, measured, Completeness(count, count)), results
+
+
 def rotation(label):
     """Return a finding of 5 µrad."""
     one = message_type("stepdiag_ros/msg/EffectFinding")(label=label)
@@ -52,26 +60,26 @@ def rotation(label):
 
 
 def test_the_decision_has_the_numbers_of_the_result(measured):
-    results, _ = solve_reproducibly(measured)
-    lead = lead_of_results(results, measured.chain, measured.plausible)
+    lead, results = solved(measured)
     found = of_result(results["least_squares"], measured.chain)
+    expanded = lead.expanded_uncertainty
+    assert lead.budgeted and expanded >= 1.96 * found.standard_uncertainty
     for tolerance, proven in (
         (nan, Conformity.NOT_ASKED),
-        (found.value + 2.0 * found.standard_uncertainty, Conformity.WITHIN),
+        (found.value + 1.02 * expanded, Conformity.WITHIN),
         (found.value, Conformity.UNDECIDED),
-        (found.value - 2.0 * found.standard_uncertainty, Conformity.NOT_WITHIN),
+        (found.value - 1.02 * expanded, Conformity.NOT_WITHIN),
     ):
         decision = decide(lead, "least_squares", tolerance)
         assert decision.conformity is proven, tolerance
     assert decision.diagnosis is Agreement.UNKNOWN and decision.not_determined == ()
     assert decision.worst_error == found.value and decision.worst_place == found.position
-    assert decision.expanded_uncertainty == pytest.approx(1.96 * found.standard_uncertainty)
+    assert decision.expanded_uncertainty == expanded
 
 
 def test_what_is_not_determined_is_unknown_and_named(measured):
     lines = Measurement(measured.volume, measured.lines[:2], measured.chain)
-    results, _ = solve_reproducibly(lines)
-    decision = decide(lead_of_results(results, lines.chain, lines.plausible), "least_squares", 1.0)
+    decision = decide(solved(lines)[0], "least_squares", 1.0)
     assert isnan(decision.worst_error) and isnan(decision.worst_place[0])
     assert decision.conformity is Conformity.UNDECIDED
     assert {"E_ZZ", "C0Y"} <= set(decision.not_determined)
@@ -154,11 +162,8 @@ def test_the_solver_publishes_the_verdict_after_each_line_and_once_more_at_the_e
     # Who decides by this message alone is not told to go on after a run that was aborted.
     proven = {Outcome.FINISHED: Conformity.WITHIN, Outcome.ABORTED: Conformity.UNDECIDED}
     assert (last.outcome, last.conformity) == (outcome, proven[outcome])
-    results, _ = solve_reproducibly(measured)
-    decision = decide(
-        lead_of_results(results, measured.chain, measured.plausible), "least_squares", 1e-3
-    )
+    decision = decide(solved(measured)[0], "least_squares", 1e-3)
     again = from_decision(decision, RUN_ID, 0, (count, count), True, outcome)
-    for field in ("worst_error", "expanded_uncertainty", "coverage_factor", "method"):
+    for field in ("worst_error", "expanded_uncertainty", "coverage_factor", "budgeted", "method"):
         assert getattr(last, field) == getattr(again, field), field
     assert np.array_equal(last.worst_place, again.worst_place)

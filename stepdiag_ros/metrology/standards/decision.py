@@ -27,7 +27,9 @@ class RunDecision:
         conformity: of the largest error with the tolerance (ISO 14253-1).
         diagnosis: whether run and model of the machine agree.
         worst_error: length of the longest error vector in the measured box, m; NaN if unknown.
-        expanded_uncertainty: of it (95 %), of what the readings show, m; NaN if unknown.
+        expanded_uncertainty: of it (95 %), m; NaN if unknown.
+        coverage_factor: of this uncertainty.
+        budgeted: it is no smaller than U by the uncertainty budget.
         worst_place: machine coordinates of the place, m.
         tolerance: m; NaN if none was agreed.
         method: that determined the errors; empty if none did.
@@ -39,6 +41,8 @@ class RunDecision:
     diagnosis: Agreement
     worst_error: float
     expanded_uncertainty: float
+    coverage_factor: float
+    budgeted: bool
     worst_place: tuple[float, float, float]
     tolerance: float
     method: str

@@ -178,20 +178,18 @@ class WorstError(NamedTuple):
 
     Attributes:
         value: length of the longest error vector in the measured box, m; NaN if not known.
-        standard_uncertainty: of it, m.
+        expanded_uncertainty: of it (95 %), m.
         place: X Y Z where it is, m.
     """
 
     value: float
-    standard_uncertainty: float
+    expanded_uncertainty: float
     place: tuple[float, ...]
 
 
 def _worst(message: Any) -> WorstError:
-    factor = float(message.coverage_factor)
-    spread = float(message.expanded_uncertainty) / factor if factor > 0.0 else math.nan
     place = tuple(float(one) for one in message.worst_place)
-    return WorstError(float(message.worst_error), spread, place)
+    return WorstError(float(message.worst_error), float(message.expanded_uncertainty), place)
 
 
 def _one(convert: Callable[[Any], Any]) -> Callable[[Any], Iterable[Any]]:

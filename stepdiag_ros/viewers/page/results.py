@@ -202,7 +202,8 @@ class WorstSection(_ResultSection):
         """
         result, told = self.result, self._told
         if told is not None and np.isfinite(told.value):
-            return _document(told.value, told.standard_uncertainty, told.place)
+            spread = told.expanded_uncertainty / COVERAGE_FACTOR
+            return _document(told.value, spread, told.place)
         if result is None:
             return _NO_ERROR
         return self._in_volume(result) or self._of_one_curve(result)

@@ -259,7 +259,7 @@ def test_the_headline_is_the_largest_error_of_the_volume_with_u_and_place(state,
     assert told["limit"]
     assert told["text"] == f"{plus_minus(found.value, found.uncertainty_limit, 1e6)} µm"
     # The solver has the covariance.
-    state.take(WorstError(found.value, 0.25e-6, (0.01, 0.02, 0.03)))
+    state.take(WorstError(found.value, 1.96 * 0.25e-6, (0.01, 0.02, 0.03)))
     told = state.document("worst")
     assert told["text"] == f"{plus_minus(found.value, 0.25e-6, 1e6)} µm" and not told["limit"]
     assert told["where"] == "X 10.0, Y 20.0, Z 30.0 mm"

@@ -13,6 +13,7 @@ from patience import PATIENCE
 from stepdiag_ros import topics
 from stepdiag_ros.messages.volumetric import to_volumetric_errors
 from stepdiag_ros.metrology.geometry import SQUARENESS
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.run.sequence import State
 from stepdiag_ros.text.numbers import plus_minus
 from stepdiag_ros.viewers.page.measured import micrometres
@@ -122,12 +123,12 @@ def test_what_is_on_the_page_is_what_was_published(cell, page):
         shows(f"#squareness-list [data-name={name}]", wanted)
 
     worst = cell.last(topics.RUN_VERDICT, run_over=True)
-    spread = worst.expanded_uncertainty / worst.coverage_factor
+    spread = worst.expanded_uncertainty / COVERAGE_FACTOR
     shows("#worst-what", "Largest error so far")
     shows("#worst-text", f"{plus_minus(worst.worst_error, spread, 1e6)} µm")
     shows(
         "#worst-where",
-        f"(U of the readings so far, 95 %) at X {worst.worst_place[0] * 1e3:.1f}, Y ",
+        f"(U so far, 95 %) at X {worst.worst_place[0] * 1e3:.1f}, Y ",
         exactly=False,
     )
 

@@ -146,7 +146,7 @@ function worst(told) {
   const which = told.curve ? `Largest value of ${told.curve} so far` : "Largest error so far";
   say("worst-what", which);
   say("worst-text", told.text);
-  say("worst-where", told.where && `(${told.limit ? "U of the readings so far at most, " : "U of the readings so far, "}95 %) at ${told.where}`);
+  say("worst-where", told.where && `(${told.limit ? "U so far at most, " : "U so far, "}95 %) at ${told.where}`);
 }
 
 const VERDICTS = { CONSISTENT: "good", NAMED: "care", AMBIGUOUS: "care", UNEXPLAINED: "bad" };
