@@ -15,6 +15,9 @@ from math import isfinite, nan
 import numpy as np
 
 from stepdiag_ros.configuration import machine_from_text, target_from_text
+from stepdiag_ros.evaluation.budget import uncertainty_of_largest, with_budget
+from stepdiag_ros.evaluation.lead import accuracy_of
+from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.power import power_of
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS
@@ -100,7 +103,7 @@ class Pursuit:
                 results[method] = solve(measurement, method)
             except NotDeterminable:
                 return nan
-        return reached(self.target, measurement, results)
+        return _by_results(self.target, measurement, results)
 
 
 def pursuit_from_text(target: str, plan: Plan, machine: str) -> Pursuit | None:
@@ -130,6 +133,28 @@ def reached(
         measurement: the lines.
         results: of these lines, method → errors.
     """
+    found = _by_results(target, measurement, results)
+    if target.quantity != VOLUMETRIC or not isfinite(found):
+        return found
+    # What is stated is of one place alone, but has the uncertainty budget in it.
+    return float(np.fmax(found, _stated(measurement, results)))
+
+
+def _stated(measurement: Measurement, results: Mapping[str, VolumetricErrors]) -> float:
+    """Return U of the largest error as verdict and report state it, m; NaN if not known."""
+    chain, plausible = measurement.chain, measurement.plausible
+    report = with_budget(Report(tuple(results.values()), chain=chain, measurement=measurement))
+    best = report.preferred()
+    largest = None if best is None else accuracy_of(best, chain, plausible)
+    if largest is None:
+        return nan
+    return uncertainty_of_largest(report, largest, report.budget).expanded.value
+
+
+def _by_results(
+    target: Target, measurement: Measurement, results: Mapping[str, VolumetricErrors]
+) -> float:
+    """Return ``reached`` by the results themselves, without an uncertainty budget."""
     line, parameter = target.line_and_parameter
     if line:
         return _of_test(target, line, parameter, measurement)

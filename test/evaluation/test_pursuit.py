@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text, target_from_text
+from stepdiag_ros.evaluation.budget import with_budget
+from stepdiag_ros.evaluation.lead import lead_of
 from stepdiag_ros.evaluation.pursuit import Pursuit, outlook, reached, standing
+from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.evaluation.solving import solve_run
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plausible import Plausible
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
-from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.target import Target, TargetState
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.run.target_words import end_words, standing_words
 from stepdiag_ros.text.numbers import in_micro
 
@@ -218,10 +219,10 @@ def test_whenever_a_run_says_that_its_target_is_reached_it_is(machines):
         if said is None:
             continue
         assert said.reached <= asked
-        result = solve(replace(measurement, lines=measurement.lines[: said.lines]))
-        shown = of_result(result, machine.chain, measurement.plausible).standard_uncertainty
         if quantity == "volumetric":
-            assert COVERAGE_FACTOR * shown <= asked
+            first = replace(measurement, lines=measurement.lines[: said.lines])
+            report = Report((solve(first),), chain=machine.chain, measurement=first)
+            assert lead_of(with_budget(report)).expanded_uncertainty <= asked
         times = np.cumsum(pursuit.line_times)
         overshoot.append(times[said.lines - 1] / times[best - 1] - 1.0)
     assert overshoot and max(overshoot) <= 0.15
