@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from stepdiag_ros.evaluation.diagnosis import rms_and_largest
-from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding, Share
+from stepdiag_ros.metrology.discrepancy.findings import Diagnosis, Finding, Share, in_order
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
 from stepdiag_ros.metrology.discrepancy.summary import DiagnosisSummary, FoundEffect, GapFigures
 from stepdiag_ros.metrology.effects.stops import Stops
@@ -266,7 +266,7 @@ def gap_candidates(
     for finding in found_in(diagnosis):
         rivals = _not_ruled_out(finding)
         bars.append((finding.label, finding.gain, "found"))
-        for other in finding.runners_up[:_MOST_BARS]:
+        for other in in_order(finding.runners_up)[:_MOST_BARS]:
             kind = "not ruled out" if other.ambiguous or other.label in rivals else "lost"
             bars.append((other.label, other.gain, kind))
     if not bars:

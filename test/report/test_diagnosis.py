@@ -26,6 +26,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Pattern,
     RunnerUp,
     Share,
+    in_order,
 )
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut, Prediction
 from stepdiag_ros.metrology.effects.backlash import EFFECT
@@ -493,3 +494,14 @@ def test_what_a_run_cannot_choose_between_is_named_kind_by_kind():
         "backlash of X, backlash of Y"
     )
     assert rivals_words(_report(_diagnosis(NAMED, (FOUND,)))) == ""
+
+
+def test_rivals_that_are_not_ruled_out_come_first_and_then_the_likely_ones():
+    rivals = [
+        RunnerUp("likely", 4.0, 0.3, ""),
+        RunnerUp("unlikely", 9.0, 1e-6, ""),
+        RunnerUp("open", 1.0, 1e-9, "", ambiguous=True),
+        RunnerUp("likelier", 2.0, 0.4, ""),
+    ]
+    ordered = [one.label for one in in_order(rivals)]
+    assert ordered == ["open", "likelier", "likely", "unlikely"]

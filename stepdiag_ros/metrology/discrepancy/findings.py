@@ -1,6 +1,6 @@
 """What a diagnosis says: the verdict, the named effects, what would have been seen, what not."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -105,6 +105,11 @@ class RunnerUp:
     probability: float
     why: str
     ambiguous: bool = False
+
+
+def in_order(rivals: Sequence[RunnerUp]) -> list[RunnerUp]:
+    """Return those that are not ruled out, then the others, each with the most probable first."""
+    return sorted(rivals, key=lambda one: (not one.ambiguous, -one.probability))
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.discrepancy.findings import (
     Diagnosis,
     Finding,
     dependence_words,
+    in_order,
 )
 from stepdiag_ros.metrology.discrepancy.held_out import HeldOut
 from stepdiag_ros.metrology.units import IN_MICRO
@@ -128,7 +129,7 @@ def runners_up_tables(findings: Sequence[Finding]) -> list[Table]:
         )
         table.columns[0].wraps = table.columns[3].wraps = True
         table.columns[3].number = False
-        for other in finding.runners_up[:_MOST_RUNNERS_UP]:
+        for other in in_order(finding.runners_up)[:_MOST_RUNNERS_UP]:
             table.add_row(
                 other.label,
                 f"{other.gain:,.1f}",
