@@ -12,7 +12,7 @@ from stepdiag_ros.archive import require_libraries
 from stepdiag_ros.commands.arguments import RESULTS, Command, Group, add_common
 from stepdiag_ros.commands.output import progress_bar, say, tolerance
 from stepdiag_ros.commands.run import add_cell_options, cell_nodes
-from stepdiag_ros.metrology.units import MICRO
+from stepdiag_ros.metrology.units import IN_MICRO
 
 if TYPE_CHECKING:
     from stepdiag_ros.processes.following import RunNews
@@ -103,7 +103,7 @@ def _nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]":
         chosen = {name: getattr(arguments, name) for name in given}
         nodes, folder = cell_nodes(argparse.Namespace(**{**arguments.simulated, **chosen}))
         if arguments.tolerance is not None:
-            tolerance = {"tolerance": arguments.tolerance * MICRO}
+            tolerance = {"tolerance": arguments.tolerance / IN_MICRO}
             nodes = [
                 replace(one, parameters={**one.parameters, **tolerance})
                 if one.name == "solver"

@@ -1,7 +1,7 @@
 """Makes what a supervisor decides on of the results and the diagnosis of a run."""
 
 from collections.abc import Mapping
-from math import nan
+from math import isfinite, nan
 
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.evaluation.budget import with_budget
@@ -68,21 +68,23 @@ def decide(
         aborted: the run was ended before its plan or its target; then nothing is proven.
     """
     volume = lead.volume
-    value = nan if volume is None else volume.value
+    value, expanded = nan if volume is None else volume.value, lead.expanded_uncertainty
+    upper_bound = nan if volume is None else volume.upper_bound(expanded)
     return RunDecision(
         conformity=conformity(
             value,
-            lead.expanded_uncertainty,
+            expanded,
             tolerance,
             more_acts=lead.more_acts or aborted,
             noise=lead.noise,
-            upper_bound=nan if volume is None else volume.upper_bound(lead.expanded_uncertainty),
+            upper_bound=upper_bound,
         ),
         diagnosis=_AGREEMENTS.get(lead.verdict.name, Agreement.UNKNOWN),
         worst_error=value,
-        expanded_uncertainty=lead.expanded_uncertainty,
+        expanded_uncertainty=expanded,
         coverage_factor=lead.coverage_factor,
-        budgeted=lead.budgeted,
+        budgeted=lead.budgeted and isfinite(expanded),
+        upper_bound=upper_bound,
         worst_place=UNKNOWN_PLACE if volume is None else volume.position,
         tolerance=tolerance,
         method=method,

@@ -178,6 +178,7 @@ ADDED_LATER = frozenset(
 ) | {
     "mirror_offset",
     "budgeted",
+    "upper_bound",
     "outcome",
     "standing",
     "until",

@@ -36,6 +36,7 @@ def from_decision(
     message.worst_error = decision.worst_error
     message.expanded_uncertainty = decision.expanded_uncertainty
     message.coverage_factor, message.budgeted = decision.coverage_factor, decision.budgeted
+    message.upper_bound = decision.upper_bound
     message.worst_place = list(decision.worst_place)
     message.tolerance = decision.tolerance
     message.method = decision.method

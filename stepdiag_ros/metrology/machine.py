@@ -28,6 +28,7 @@ class Machine:
         acceleration_m_per_s2: of an axis, m/s².
         rotations: plausible size of its angular errors over the measured travel, rad; see
             ``plausible``.
+        rotations_stated: the machine file states that size; if not, it is assumed.
         position_window_m: an axis is in position while it is within this distance of its target, m.
         position_hold_s: ... and has been so for this time, s.
         zero_drift_m_per_s: rate at which the zero of the readings drifts within a pass, m/s.
@@ -43,6 +44,7 @@ class Machine:
     position_window_m: float = 0.5e-6
     position_hold_s: float = 0.02
     rotations: float = CLASSES[DEFAULT_CLASS]
+    rotations_stated: bool = False
     zero_drift_m_per_s: float = 1e-10
     growth_per_s: float = 5e-10
 
@@ -82,6 +84,7 @@ class Machine:
                 "position_hold_s", low=0.0, high=60.0, default=cls.position_hold_s
             ),
             rotations=CLASSES[DEFAULT_CLASS] if rotations is None else rotations,
+            rotations_stated=rotations is not None,
             zero_drift_m_per_s=section.number(
                 "zero_drift_m_per_s", low=0.0, high=1e-6, default=cls.zero_drift_m_per_s
             ),

@@ -9,7 +9,7 @@ import yaml
 
 from stepdiag_ros.metrology.machine import Machine
 from stepdiag_ros.metrology.plan import BOX_KEYS, Line, Plan, alignment_of
-from stepdiag_ros.metrology.plausible import CLASSES, DEFAULT_CLASS, ROTATIONS_KEY
+from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.units import IN_MILLI
 from stepdiag_ros.planning.plan_text import plan_text
@@ -25,7 +25,7 @@ _COLUMNS = (
 _HEAD = f"""\
 # What the columns of the table mean: 'stepdiag import TABLE --mapping' reads both.
 # Fill in '{READING}' at every stop, in mm. It grows as the mirror moves along the beam (otherwise
-# write 'sign: -1'). Zero the laser at the first stop of an alignment at most, and not again before
+# write 'sign: -1'). Zero the laser at the first stop of an alignment only, and not again before
 # the next one. '{_EXPECTED}' is what a perfect machine would show then.
 # Write '{_NOT_READ}' at a stop that was not read.
 # If your spreadsheet writes semicolons and decimal commas: 'delimiter: semicolon' and
@@ -89,9 +89,7 @@ def table_mapping(plan: Plan, machine: Machine) -> str:
     told.pop("sampling", None)
     overrun = {"overrun_m": told.pop("overrun_m", 0.0)}
     chain = {"chain": list(machine.chain)} if machine.chain else {}
-    # A machine file that does not state the size has that of the usual class.
-    usual = machine.rotations == CLASSES[DEFAULT_CLASS]
-    rotations = {} if usual else {ROTATIONS_KEY: machine.rotations}
+    rotations = {ROTATIONS_KEY: machine.rotations} if machine.rotations_stated else {}
     mapping = {
         "table": "lines",
         "text": {"delimiter": "comma", "decimal": "point", "rejected": _NOT_READ},

@@ -145,7 +145,7 @@ def _at_20(lead: RunLead) -> str:
 def laser_scale(plausible: Plausible) -> str:
     """Return the uncertainty of the laser's scale that every result contains, in words."""
     size = plain(plausible.one_setup * IN_MICRO, 2)
-    return f"the laser's scale (u = {size} µm/m in a setup)"
+    return f"an assumed scale error of the laser (u = {size} µm/m in a setup)"
 
 
 def _assumed_rotations(lead: RunLead) -> str:
@@ -342,7 +342,9 @@ def _taken_as_zero(lead: RunLead) -> list[str]:
             f"another method determines {', '.join(lead.told_elsewhere)} from these lines, see its"
             f" tables; the lines do not determine {', '.join(missing)}"
         )
-    return [f"Not in these values, but in their ±: pitch, yaw and roll of all axes; {words}."]
+    return [
+        f"The values are without pitch, yaw and roll of all axes, their ± contain them; {words}."
+    ]
 
 
 def _complete_first(lead: RunLead) -> list[tuple[str, str]]:

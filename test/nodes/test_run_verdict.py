@@ -74,13 +74,16 @@ def test_the_decision_has_the_numbers_of_the_result(measured):
         assert decision.conformity is proven, tolerance
     assert decision.diagnosis is Agreement.UNKNOWN and decision.not_determined == ()
     assert decision.worst_error == found.value and decision.worst_place == found.position
-    assert decision.expanded_uncertainty == expanded
+    assert decision.expanded_uncertainty == expanded and decision.budgeted
+    assert decision.upper_bound >= found.value + expanded
 
 
 def test_what_is_not_determined_is_unknown_and_named(measured):
     lines = Measurement(measured.volume, measured.lines[:2], measured.chain)
     decision = decide(solved(lines)[0], "least_squares", 1.0)
     assert isnan(decision.worst_error) and isnan(decision.worst_place[0])
+    assert isnan(decision.expanded_uncertainty) and isnan(decision.upper_bound)
+    assert not decision.budgeted
     assert decision.conformity is Conformity.UNDECIDED
     assert {"E_ZZ", "C0Y"} <= set(decision.not_determined)
 
@@ -164,6 +167,13 @@ def test_the_solver_publishes_the_verdict_after_each_line_and_once_more_at_the_e
     assert (last.outcome, last.conformity) == (outcome, proven[outcome])
     decision = decide(solved(measured)[0], "least_squares", 1e-3)
     again = from_decision(decision, RUN_ID, 0, (count, count), True, outcome)
-    for field in ("worst_error", "expanded_uncertainty", "coverage_factor", "budgeted", "method"):
+    for field in (
+        "worst_error",
+        "expanded_uncertainty",
+        "coverage_factor",
+        "upper_bound",
+        "budgeted",
+        "method",
+    ):
         assert getattr(last, field) == getattr(again, field), field
     assert np.array_equal(last.worst_place, again.worst_place)

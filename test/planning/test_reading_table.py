@@ -11,6 +11,7 @@ from refused import refused
 from stepdiag_ros import cli
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.configuration import load_cell, load_plan
+from stepdiag_ros.metrology.plausible import ROTATIONS_KEY
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.units import IN_MILLI
@@ -101,12 +102,19 @@ def test_a_stop_that_was_not_read_is_marked_and_one_that_was_forgotten_is_named(
     assert np.flatnonzero(np.isnan(first.displacement)).tolist() == [2]
 
 
-def test_what_the_machine_file_states_of_rotations_is_in_the_run(folder):
-    text = "chain: XYZ\ntravel_low_m: [0, 0, 0]\ntravel_high_m: [1, 1, 1]\nrotations: precision\n"
+@pytest.mark.parametrize(
+    ("stated", "size"), [("precision", 3e-6), ("machining_centre", 10e-6), ("", 10e-6)]
+)
+def test_what_the_machine_file_states_of_rotations_is_in_the_run(folder, stated, size):
+    text = "chain: XYZ\ntravel_low_m: [0, 0, 0]\ntravel_high_m: [1, 1, 1]\n"
+    text += f"rotations: {stated}\n" if stated else ""
     (folder / "m.yaml").write_text(f"{text}feed_limit_m_per_s: 0.5\nacceleration_m_per_s2: 2.0\n")
     assert cli.main(["plan", "--check", "quick", "--machine", "m.yaml", "--table"]) == 0
     assert cli.main(filled(folder, "quick", expected(folder / "quick_readings.csv"))) == 0
-    assert load_run("run.mcap").measurement.plausible.rotation == 3e-6
+    run = load_run("run.mcap")
+    assert run.measurement.plausible.rotation == size
+    # Also the usual size: the report says who states it.
+    assert (ROTATIONS_KEY in run.machine) == bool(stated)
 
 
 def test_the_sheet_for_noted_readings_speaks_of_the_table_and_of_no_recording(folder):

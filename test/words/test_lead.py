@@ -158,7 +158,9 @@ def test_the_worst_place_is_that_of_the_volume():
 
 def zero_words(*results):
     return [
-        text for text in in_short(make_report(results=results)) if "Not in these values" in text
+        text
+        for text in in_short(make_report(results=results))
+        if "without pitch, yaw and roll" in text
     ]
 
 
@@ -232,7 +234,7 @@ def test_noise_is_no_size_of_an_error(monkeypatch):
     monkeypatch.setattr(leads, "is_noise", lambda _: True)
     said = in_short(make_report(results=(make_result(),)))
     assert len(said) == 2 and said[0].startswith("No error of this machine") and "±" not in said[0]
-    assert said[1].startswith("Not in these values")
+    assert said[1].startswith("The values are without pitch")
 
 
 def test_the_last_lines_say_it_in_short_and_what_to_run_next():

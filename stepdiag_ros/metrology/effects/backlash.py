@@ -16,7 +16,7 @@ class Backlash(Effect):
     sentence = "When an axis turns round, its drive moves before the carriage does."
     source = "ISO 230-1:2012; ISO 230-2:2014 (reversal error B)"
     keys = (Key("axis", AXES),)
-    sizes = (Size("lost_motion", "m", -50e-6, 50e-6, "way lost at a reversal"),)
+    sizes = (Size("lost_motion", "m", -50e-6, 50e-6, "travel lost at a reversal"),)
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
         """Yield each axis that comes to a place in both senses."""

@@ -16,7 +16,7 @@ class ServoLag(Effect):
         "All axes follow their commands alike, late, and are read before they have caught up."
     )
     source = "ISO 230-2:2014; a first-order lag leaves feed x time constant x exp(-dwell/constant)"
-    sizes = (Size("short_by", "m", -20e-6, 20e-6, "way that is left along the path"),)
+    sizes = (Size("short_by", "m", -20e-6, 20e-6, "distance still to go along the path"),)
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
         """Yield one setting if more than one axis moves; of one axis it is settling."""

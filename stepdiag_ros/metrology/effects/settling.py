@@ -16,7 +16,9 @@ class Settling(Effect):
     sentence = "When it is read, an axis that has just moved has not quite reached its target."
     source = "ISO 230-2:2014 (dwell before a reading is recorded)"
     keys = (Key("axis", AXES),)
-    sizes = (Size("short_by", "m", -20e-6, 20e-6, "way that is left, in the sense of the move"),)
+    sizes = (
+        Size("short_by", "m", -20e-6, 20e-6, "distance still to go, in the sense of the move"),
+    )
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
         """Yield each axis whose move leads to a stop."""

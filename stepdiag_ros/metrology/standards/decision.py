@@ -30,6 +30,7 @@ class RunDecision:
         expanded_uncertainty: of it (95 %), m; NaN if unknown.
         coverage_factor: of this uncertainty.
         budgeted: it is no smaller than U by the uncertainty budget.
+        upper_bound: error plus uncertainty where this sum is largest, m; NaN if unknown.
         worst_place: machine coordinates of the place, m.
         tolerance: m; NaN if none was agreed.
         method: that determined the errors; empty if none did.
@@ -43,6 +44,7 @@ class RunDecision:
     expanded_uncertainty: float
     coverage_factor: float
     budgeted: bool
+    upper_bound: float
     worst_place: tuple[float, float, float]
     tolerance: float
     method: str

@@ -238,12 +238,12 @@ def _headline(material: Material, judged: ToleranceJudgement) -> tuple[str, str]
     words = {
         KEEPS: (
             "open" if judged.reservation else "good",
-            f"The machine keeps its limit of {limit} in the measured volume",
+            f"The machine conforms to its limit of {limit} in the measured volume",
         ),
         EXCEEDS: ("bad", f"The machine exceeds its limit of {limit} in the measured volume"),
         OPEN: (
             "open",
-            f"The measurement does not decide whether the machine keeps its limit of {limit}",
+            f"The measurement does not decide whether the machine conforms to its limit of {limit}",
         ),
     }
     if judged.verdict not in words:
@@ -259,7 +259,7 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
         nor = "" if judged.verdict == NOT_ASKED else f", nor whether it is within {judged.limit}"
         return [f"These lines do not determine the largest error in the volume{nor}."]
     if judged.verdict == NOT_ASKED:
-        return ["Whether the largest error is good enough was not asked: no limit was agreed."]
+        return ["No limit was agreed, so this report does not judge the machine."]
     limit = judged.limit
     if judged.more_acts:
         return [
@@ -268,7 +268,7 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
             " acts."
         ]
     reason = {
-        KEEPS: f"The largest error plus its uncertainty is within {limit} (ISO 14253-1).",
+        KEEPS: f"At every place, the error plus its uncertainty is within {limit} (ISO 14253-1).",
         EXCEEDS: f"The largest error minus its uncertainty is beyond {limit} (ISO 14253-1).",
         OPEN: f"The largest error or its uncertainty does not allow a decision at {limit}"
         " (ISO 14253-1).",
@@ -278,7 +278,7 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
     if judged.verdict == OPEN and judged.value + judged.expanded_uncertainty <= judged.tolerance:
         elsewhere = (
             " At another place the error is smaller, but with its uncertainty up to"
-            f" {plain(judged.upper_bound * IN_MICRO, 1)} µm."
+            f" {plain(judged.upper_bound * IN_MICRO, 2)} µm."
         )
     return [reason[judged.verdict] + elsewhere + rests]
 

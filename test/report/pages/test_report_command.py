@@ -217,7 +217,7 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     assert float(rows["angular errors of X"]) == pytest.approx(of_x * IN_MICRO, abs=5e-5)
     assert expanded > COVERAGE_FACTOR * worst.standard_uncertainty
     size = with_expanded(worst.value, expanded, IN_MICRO)
-    assert page.headings[0] == ("The machine keeps its limit of 50 µm in the measured volume")
+    assert page.headings[0] == ("The machine conforms to its limit of 50 µm in the measured volume")
     assert f"Largest error in the measured volume: {size} µm at" in page.text
     assert page.facts()["Largest error in the volume"] == f"{size} µm"
     assert "could bring the largest error in the volume" in page.text
@@ -248,7 +248,7 @@ def test_the_first_page_ranks_positioning_by_its_range_with_the_larger_uncertain
     assert dict(zip(rows[0], rows[1], strict=True))["Least squares"] == with_expanded(
         of_readings.value, of_readings.expanded_uncertainty, IN_MICRO
     )
-    assert "Not in these values, but in their ±: pitch, yaw and roll of all axes" in page.text
+    assert "The values are without pitch, yaw and roll of all axes" in page.text
 
 
 def test_a_simulated_clock_is_called_one():
@@ -408,7 +408,7 @@ def test_the_pdf_has_the_sections_page_numbers_and_the_run_on_every_page(folder)
     whole = " ".join(" ".join(pages).split())
     for number, section in enumerate(sections_without_archive(), 1):
         assert f"{number} {section.title}" in whole
-    assert "keeps its limit of 50 µm" in whole
+    assert "conforms to its limit of 50 µm" in whole
 
 
 @needs_poppler
