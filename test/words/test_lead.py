@@ -321,6 +321,13 @@ def test_what_nothing_has_judged_is_said_with_the_option_that_does():
         assert not any("--tolerance" in one.why for one in next_steps(other))
 
 
+def test_a_lower_bound_of_u_is_named_where_the_largest_error_is():
+    lead = replace(lead_of(make_report(results=(returning(),))), budgeted=True)
+    for bound in (True, False):
+        said = sentences_of(replace(lead, lower_bound=bound))[1]
+        assert ("lower bound" in said) == bound and "U of the readings" not in said
+
+
 def test_the_first_screen_says_which_uncertainty_it_prints():
     lead = lead_of(make_report(results=(returning(),)))
     (said,) = coverage_sentences(lead)
