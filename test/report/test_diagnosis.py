@@ -500,8 +500,17 @@ def test_rivals_that_are_not_ruled_out_come_first_and_then_the_likely_ones():
     rivals = [
         RunnerUp("likely", 4.0, 0.3, ""),
         RunnerUp("unlikely", 9.0, 1e-6, ""),
+        RunnerUp("hopeless and small", 1.0, 0.0, ""),
+        RunnerUp("hopeless", 2.0, 0.0, ""),
         RunnerUp("open", 1.0, 1e-9, "", ambiguous=True),
         RunnerUp("likelier", 2.0, 0.4, ""),
     ]
     ordered = [one.label for one in in_order(rivals)]
-    assert ordered == ["open", "likelier", "likely", "unlikely"]
+    assert ordered == [
+        "open",
+        "likelier",
+        "likely",
+        "unlikely",
+        "hopeless",
+        "hopeless and small",
+    ]

@@ -108,8 +108,11 @@ class RunnerUp:
 
 
 def in_order(rivals: Sequence[RunnerUp]) -> list[RunnerUp]:
-    """Return those that are not ruled out, then the others, each with the most probable first."""
-    return sorted(rivals, key=lambda one: (not one.ambiguous, -one.probability))
+    """Return those that are not ruled out, then the others, each with the most probable first.
+
+    Where several are equally improbable, the one that closes more of the gap comes first.
+    """
+    return sorted(rivals, key=lambda one: (not one.ambiguous, -one.probability, -one.gain))
 
 
 @dataclass(frozen=True)
