@@ -15,9 +15,7 @@ from math import isfinite, nan
 import numpy as np
 
 from stepdiag_ros.configuration import machine_from_text, target_from_text
-from stepdiag_ros.evaluation.budget import uncertainty_of_largest, with_budget
-from stepdiag_ros.evaluation.lead import accuracy_of
-from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.evaluation.lead import RunLead
 from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.power import power_of
 from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS
@@ -124,7 +122,10 @@ def pursuit_from_text(target: str, plan: Plan, machine: str) -> Pursuit | None:
 
 
 def reached(
-    target: Target, measurement: Measurement, results: Mapping[str, VolumetricErrors]
+    target: Target,
+    measurement: Measurement,
+    results: Mapping[str, VolumetricErrors],
+    lead: RunLead,
 ) -> float:
     """Return the expanded uncertainty of a target's quantity; NaN if it is not known.
 
@@ -132,23 +133,13 @@ def reached(
         target: names the quantity.
         measurement: the lines.
         results: of these lines, method → errors.
+        lead: what verdict and report state of them.
     """
     found = _by_results(target, measurement, results)
     if target.quantity != VOLUMETRIC or not isfinite(found):
         return found
     # What is stated is of one place alone, but has the uncertainty budget in it.
-    return float(np.fmax(found, _stated(measurement, results)))
-
-
-def _stated(measurement: Measurement, results: Mapping[str, VolumetricErrors]) -> float:
-    """Return U of the largest error as verdict and report state it, m; NaN if not known."""
-    chain, plausible = measurement.chain, measurement.plausible
-    report = with_budget(Report(tuple(results.values()), chain=chain, measurement=measurement))
-    best = report.preferred()
-    largest = None if best is None else accuracy_of(best, chain, plausible)
-    if largest is None:
-        return nan
-    return uncertainty_of_largest(report, largest, report.budget).expanded.value
+    return float(np.fmax(found, lead.expanded_uncertainty))
 
 
 def _by_results(
@@ -195,7 +186,10 @@ def outlook(pursuit: Pursuit) -> TargetStanding:
 
 
 def standing(
-    pursuit: Pursuit, measurement: Measurement, results: Mapping[str, VolumetricErrors]
+    pursuit: Pursuit,
+    measurement: Measurement,
+    results: Mapping[str, VolumetricErrors],
+    lead: RunLead,
 ) -> TargetStanding:
     """Return how far a run is from its target after some of its lines.
 
@@ -203,10 +197,11 @@ def standing(
         pursuit: the run and its target.
         measurement: the lines so far, each with its last attempt.
         results: of these lines, method → errors.
+        lead: what verdict and report state of them.
     """
     target = pursuit.target
     with one_thread():
-        now = reached(target, measurement, results)
+        now = reached(target, measurement, results, lead)
         lacking = _lacking(pursuit, measurement) or _unknown_or_large(target, now)
         lacking = lacking or _blind(pursuit, measurement)
         count = len(measurement.lines)

@@ -11,6 +11,7 @@ from stepdiag_ros.bags.run import RecordedRun
 from stepdiag_ros.bags.tally import Flaw
 from stepdiag_ros.configuration import cell_from_text, read_yaml
 from stepdiag_ros.evaluation.build import build_report, truth_from_curves, truth_of
+from stepdiag_ros.evaluation.decision import lead_of_results
 from stepdiag_ros.evaluation.diagnosing import verdict_on
 from stepdiag_ros.evaluation.pursuit import pursuit_from_text, standing
 from stepdiag_ros.evaluation.report import Report, Truth
@@ -163,7 +164,9 @@ def target_standing(
     pursuit = pursuit_from_text(recorded.until, recorded.plan, recorded.machine_text)
     if pursuit is None or not measurement.lines:
         return None
-    return standing(pursuit, measurement, {one.method: one for one in results})
+    found = {one.method: one for one in results}
+    lead = lead_of_results(found, measurement, completeness_of(recorded, measurement))
+    return standing(pursuit, measurement, found, lead)
 
 
 def require_standing_beam(recorded: RecordedRun) -> None:

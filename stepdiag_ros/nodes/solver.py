@@ -71,7 +71,7 @@ def _solve_first(run: _Run, lines: Sequence[MeasuredLine], count: int) -> _Solve
     lead = lead_of_results(found.results, measurement, passes)
     target = None
     if run.pursuit is not None:
-        target = standing(run.pursuit, measurement, found.results)
+        target = standing(run.pursuit, measurement, found.results, lead)
     return _Solved(found, lead, len(measurement.lines), target)
 
 

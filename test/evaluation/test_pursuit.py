@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text, target_from_text
 from stepdiag_ros.evaluation.budget import with_budget
+from stepdiag_ros.evaluation.decision import lead_of_results
 from stepdiag_ros.evaluation.lead import lead_of
 from stepdiag_ros.evaluation.pursuit import Pursuit, outlook, reached, standing
 from stepdiag_ros.evaluation.report import Report
@@ -26,6 +28,7 @@ from stepdiag_ros.text.numbers import in_micro
 sys.path.append(str(Path(__file__).parents[1] / "bands"))
 from plausible_machines import ANGLE, draw
 
+NOTHING_MISSING = Completeness(1, 1)
 PLAN = """\
 name: small box
 step_m: [0.03, 0.02, 0.025]
@@ -72,7 +75,8 @@ def demo(plan_text, until):
 
 def after(pursuit, measurement, count):
     first = replace(measurement, lines=measurement.lines[:count])
-    return standing(pursuit, first, solve_run(pursuit.plan, first, first.lines[-1]).results)
+    results = solve_run(pursuit.plan, first, first.lines[-1]).results
+    return standing(pursuit, first, results, lead_of_results(results, first, NOTHING_MISSING))
 
 
 def course(pursuit, measurement):
@@ -187,7 +191,8 @@ def known_at(pursuit, measurement, count):
         results = {"least_squares": solve(first)}
     except NotDeterminable:
         return np.nan
-    return reached(pursuit.target, first, results)
+    lead = lead_of_results(results, first, NOTHING_MISSING)
+    return reached(pursuit.target, first, results, lead)
 
 
 @pytest.mark.parametrize("machines", [2, pytest.param(50, id="many")])

@@ -8,10 +8,11 @@ from refused import refused
 from running_cell import nodes_of
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.passes import completeness_of
+from stepdiag_ros.bags.passes import Completeness, completeness_of
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
 from stepdiag_ros.cli import main
+from stepdiag_ros.evaluation.decision import lead_of_results
 from stepdiag_ros.evaluation.positioning import positioning_of, same_test
 from stepdiag_ros.evaluation.pursuit import outlook, pursuit_from_text, standing
 from stepdiag_ros.evaluation.recorded_run import report_of_run
@@ -97,7 +98,8 @@ def test_the_bag_alone_gives_the_same_judgements_bit_for_bit(ended):
     for count in range(1, 5):
         first = replace(run.measurement, lines=run.measurement.lines[:count])
         results = solve_run(run.plan, first, first.lines[-1]).results
-        assert repr(standing(pursuit, first, results)) == repr(recorded[count]), count
+        lead = lead_of_results(results, first, Completeness(len(run.plan.lines), count))
+        assert repr(standing(pursuit, first, results, lead)) == repr(recorded[count]), count
     assert repr(report_of_run(run).target) == repr(recorded[4])
 
 

@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.measurement import BlockDisplacement, Reading, Settl
 from stepdiag_ros.metrology.plan import FORWARD, Line
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
+from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.units import IN_MICRO, IN_MILLI
 from stepdiag_ros.run.device_health import DIM, GOOD, NO_READING_YET, NOW_LOST
 from stepdiag_ros.text.numbers import UNKNOWN
@@ -147,7 +148,7 @@ class StopSection(PageSection):
         from_expected = displacement - expected
         # The zero has an uncertainty of its own, and is not a stop against itself.
         uncertainty = math.hypot(stop.standard_uncertainty, first.standard_uncertainty)
-        uncertainty = 0.0 if stop is first else uncertainty
+        uncertainty = 0.0 if stop is first else COVERAGE_FACTOR * uncertainty
         self._trace.append(
             [self._number, drawn(from_nominal, IN_MICRO), drawn(from_expected, IN_MICRO)]
         )
@@ -246,7 +247,9 @@ class BlockSection(PageSection):
                 "axis": last.axis,
                 "displacement_m": _forward(last) * last.displacement,
                 "displacement": measured(_forward(last) * last.displacement, "mm", 5, IN_MILLI),
-                "deviation": micrometres(_deviation(last), last.standard_uncertainty),
+                "deviation": micrometres(
+                    _deviation(last), COVERAGE_FACTOR * last.standard_uncertainty
+                ),
             },
         }
 

@@ -124,7 +124,7 @@ class CurveSection(_ResultSection):
         whole = _is_whole(result, name) and before is not None and _is_whole(before, name)
         place = float(result.nodes_of(name)[worst.node])
         return {
-            "text": micrometres(worst.value, worst.standard_uncertainty),
+            "text": micrometres(worst.value, COVERAGE_FACTOR * worst.standard_uncertainty),
             "at": drawn(place, IN_MILLI),
             "trend": _trend(earlier, worst) if earlier is not None and whole else None,
         }
@@ -202,8 +202,7 @@ class WorstSection(_ResultSection):
         """
         result, told = self.result, self._told
         if told is not None and np.isfinite(told.value):
-            spread = told.expanded_uncertainty / COVERAGE_FACTOR
-            return _document(told.value, spread, told.place)
+            return _document(told.value, told.expanded_uncertainty, told.place)
         if result is None:
             return _NO_ERROR
         return self._in_volume(result) or self._of_one_curve(result)
@@ -218,7 +217,7 @@ class WorstSection(_ResultSection):
         # A message holds no covariance; without it the uncertainties of the curves give a limit.
         limited = not np.isfinite(found.standard_uncertainty)
         spread = found.uncertainty_limit if limited else found.standard_uncertainty
-        return _document(found.value, spread, found.position, limited)
+        return _document(found.value, COVERAGE_FACTOR * spread, found.position, limited)
 
     def _of_one_curve(self, result: VolumetricErrors) -> dict[str, Any]:
         known = {name: _farthest(result, name) for name in TRANSLATIONS}
@@ -229,7 +228,7 @@ class WorstSection(_ResultSection):
         worst = found[name]
         place = float(result.nodes_of(name)[worst.node])
         return {
-            "text": micrometres(worst.value, worst.standard_uncertainty),
+            "text": micrometres(worst.value, COVERAGE_FACTOR * worst.standard_uncertainty),
             "value": drawn(worst.value, IN_MICRO),
             "where": f"{AXES[moving_axis(name)]} {plain(place * IN_MILLI, 1)} mm",
             "curve": name,
@@ -238,11 +237,11 @@ class WorstSection(_ResultSection):
 
 
 def _document(
-    value: float, spread: float, place: Iterable[float], limited: bool = False
+    value: float, expanded_uncertainty: float, place: Iterable[float], limited: bool = False
 ) -> dict[str, Any]:
     places = (f"{letter} {plain(at * IN_MILLI, 1)}" for letter, at in zip(AXES, place, strict=True))
     return {
-        "text": micrometres(value, spread),
+        "text": micrometres(value, expanded_uncertainty),
         "value": drawn(value, IN_MICRO),
         "where": f"{', '.join(places)} mm",
         "curve": "",

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 from stepdiag_ros.metrology.units import IN_MICRO
-from stepdiag_ros.text.numbers import UNKNOWN, plain, plus_minus
+from stepdiag_ros.text.numbers import UNKNOWN, plain, with_expanded
 from stepdiag_ros.viewers.page.items import RunBegin
 
 _DIGITS = 6
@@ -45,18 +45,18 @@ def drawn(value: float, scale: float = 1.0) -> float | None:
     return float(f"{value * scale:.{_DIGITS}g}")
 
 
-def micrometres(value: float, standard_uncertainty: float = math.nan) -> str:
+def micrometres(value: float, expanded_uncertainty: float = math.nan) -> str:
     """Write a length in µm, with its expanded uncertainty (95 %) where that is known.
 
     Args:
         value: m; NaN if not known.
-        standard_uncertainty: m; NaN if not known.
+        expanded_uncertainty: m; NaN if not known.
     """
     if not math.isfinite(value):
         return UNKNOWN
-    if not math.isfinite(standard_uncertainty):
+    if not math.isfinite(expanded_uncertainty):
         return f"{plain(value * IN_MICRO, 3)} µm"
-    return f"{plus_minus(value, standard_uncertainty, IN_MICRO)} µm"
+    return f"{with_expanded(value, expanded_uncertainty, IN_MICRO)} µm"
 
 
 def measured(value: float, unit: str, decimals: int, scale: float = 1.0) -> str:

@@ -189,7 +189,7 @@ def test_a_stop_against_a_perfect_machine_and_against_the_model(state, small_run
     assert last["expected"] == "unknown" and last["from_expected"] == "unknown"
     nominal = sum(block.nominal_displacement for block in small_run.blocks(ppp)[:2])
     off = float(line.displacement[2]) - nominal
-    assert last["from_nominal"] == micrometres(off, math.hypot(5e-9, 5e-9))
+    assert last["from_nominal"] == micrometres(off, 1.96 * math.hypot(5e-9, 5e-9))
     # A method that takes the alignment for perfect cannot tell it on a diagonal.
     state.take(small_run.results["conventional"])
     state.take(small_run.stops(ppp)[3])
@@ -424,7 +424,7 @@ def test_the_last_block_is_counted_forward_as_in_the_chart(state, small_run):
     off = -(block.displacement - block.nominal_displacement)
     assert told["last"]["displacement_m"] == -block.displacement > 0.0
     assert told["blocks"][-1][2] == pytest.approx(off * 1e6, rel=1e-3)
-    assert told["last"]["deviation"] == micrometres(off, block.standard_uncertainty)
+    assert told["last"]["deviation"] == micrometres(off, 1.96 * block.standard_uncertainty)
 
 
 def test_a_new_run_begins_with_an_empty_page(state, small_run):

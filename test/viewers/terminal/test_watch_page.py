@@ -78,7 +78,7 @@ def test_an_ended_run_has_all_essentials(ended, run, width, height):
     # Counted forward along the line; this was a pass backward.
     assert block.line.direction == "backward"
     deviation = micrometres(
-        block.nominal_displacement - block.displacement, block.standard_uncertainty
+        block.nominal_displacement - block.displacement, 1.96 * block.standard_uncertainty
     )
     assert f"last: {block.axis} {block.block}, {deviation}" in text
     assert f"Least squares, {result.lines} passes" in text
