@@ -98,8 +98,11 @@ class Supervisor(Node):
             return
         if self._found:
             raise TimeoutError("the sequencer is silent: treat the measurement as a fault")
+        nodes = self.get_node_names_and_namespaces()
+        elsewhere = sorted({space for name, space in nodes if name == "sequencer"})
+        found = f"; there is one in {', '.join(elsewhere)}" if elsewhere else ""
         raise TimeoutError(
-            f"no sequencer found in the namespace {self.get_namespace()} within {limit:g} s:"
+            f"no sequencer found in the namespace {self.get_namespace()} within {limit:g} s{found}:"
             " check ROS_DOMAIN_ID and the namespace"
         )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,9 +41,11 @@ from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_N
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.variants import better_variant
 from stepdiag_ros.metrology.discrepancy.wrong_reading import (
+    FEW_SLIPS,
     WrongReading,
     are_slips,
     clearly_wrong,
+    many_slips,
     with_wrong_readings,
 )
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
@@ -119,7 +122,14 @@ def diagnose(
         return _gross(steadied(stops_of(measurement)), gross)
     tell("fitting the baseline")
     start = model.start(measurement)
-    return _but_for_wrong_readings(start, model, seed, tell) or _compared(start, model, seed, tell)
+    slips = _slips(start, model, tell, FEW_SLIPS)
+    found = _but_for_wrong_readings(slips, start, model, seed, tell)
+    if found is None:
+        found = _compared(start, model, seed, tell)
+        if slips is None and found.verdict == verdicts.UNEXPLAINED:
+            slips = _slips(start, model, tell, many_slips(start.stops))
+            found = _but_for_wrong_readings(slips, start, model, seed, tell) or found
+    return found
 
 
 @dataclass(frozen=True)
@@ -154,10 +164,15 @@ class _Model:
         return _Start(measurement, stops, baseline, noise)
 
 
-def _but_for_wrong_readings(
-    start: _Start, model: _Model, seed: int, tell: Progress
-) -> Diagnosis | None:
-    """Return the diagnosis of a run of which a few readings are wrong; None of any other."""
+class _Slips(NamedTuple):
+    """Readings that stand out, and the run without them."""
+
+    found: list[WrongReading]
+    rest: _Start
+
+
+def _slips(start: _Start, model: _Model, tell: Progress, most: int) -> _Slips | None:
+    """Return the readings of a run that stand out; None if they are too many or in a row."""
     found: list[WrongReading] = []
     now = start
     while now.noise_is_known:
@@ -166,17 +181,24 @@ def _but_for_wrong_readings(
         if wrong is None:
             break
         found.append(wrong)
-        if not are_slips(found):
+        if not are_slips(found, most):
             return None
         tell("leaving out a reading that stands out")
         now = model.start(wrong.without(now.measurement))
-    if not found:
+    return _Slips(found, now)
+
+
+def _but_for_wrong_readings(
+    slips: _Slips | None, start: _Start, model: _Model, seed: int, tell: Progress
+) -> Diagnosis | None:
+    """Return the diagnosis of a run of which these readings are wrong; None if more is."""
+    if slips is None or not slips.found:
         return None
-    rest = _compared(now, model, seed, tell)
+    rest = _compared(slips.rest, model, seed, tell)
     if not np.isfinite(rest.noise):
         return None
     problem = whitened(start.baseline, rest.noise, rest.noise_correlation)
-    return with_wrong_readings(rest, found, problem, start.measurement)
+    return with_wrong_readings(rest, slips.found, problem, start.measurement)
 
 
 def _compared(start: _Start, model: _Model, seed: int, tell: Progress) -> Diagnosis:

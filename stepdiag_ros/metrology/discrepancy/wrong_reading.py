@@ -6,6 +6,9 @@ of the run, beside rotations and zeros that scatter as is plausible. If the rest
 with the model, or has effects of the catalogue, these readings are wrong. Another pass must have
 read the same stop, so that a machine that is off at one place is not mistaken for a wrong reading.
 Neighbours in a pass are not suspected: what acts on several stops in a row is an effect.
+
+Some effects act on single stops, too, such as a creep on the first after each reversal. So effects
+come first where more than a few readings stand out, and readings only where nothing else serves.
 """
 
 from collections.abc import Sequence
@@ -33,8 +36,12 @@ _SAME_STOP = 1e-6
 """m."""
 _MOST = 64
 """Readings that are looked at: those with the largest gap."""
-_MOST_SLIPS = 3
-"""Wrong readings of one run; where there are more, the way of reading is wrong."""
+FEW_SLIPS = 3
+"""Wrong readings of one run that are looked for before effects."""
+_SHARE_OF_SLIPS = 0.02
+"""Part of all readings that may be wrong; where there are more, the way of reading is wrong."""
+_MANY_SLIPS = 12
+"""Wrong readings of one run at most: each costs a fit of the whole run."""
 _CLEAR = 8.0
 """Standard deviations, by what is left of the run, by which a wrong reading stands out."""
 
@@ -70,13 +77,18 @@ class WrongReading:
         return f"stop {self.stop} of {line.line} ({where} mm)"
 
 
-def are_slips(wrong: Sequence[WrongReading]) -> bool:
+def many_slips(stops: Stops) -> int:
+    """Return how many readings of a run may be wrong, if nothing else explains it."""
+    return max(FEW_SLIPS, min(round(_SHARE_OF_SLIPS * len(stops.time)), _MANY_SLIPS))
+
+
+def are_slips(wrong: Sequence[WrongReading], most: int) -> bool:
     """Say whether readings are few, and none beside another of its pass."""
     beside = any(
         one.line == other.line and abs(one.stop - other.stop) == 1
         for one, other in combinations(wrong, 2)
     )
-    return len(wrong) <= _MOST_SLIPS and not beside
+    return len(wrong) <= most and not beside
 
 
 def clearly_wrong(
