@@ -10,10 +10,13 @@ from enum import Enum
 
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.spelling import nearest, suggestion
+from stepdiag_ros.metrology.units import IN_MICRO
 
 Value = bool | int | float | str
 """What a parameter may be."""
 
+_SMALL_LENGTH = 1e-3
+"""m; a person states it in micrometres."""
 _KINDS: dict[type, str] = {bool: "true or false", int: "a whole number", str: "a text"}
 
 
@@ -40,6 +43,7 @@ class Declaration:
         choices: the only texts allowed, or what returns them, which is called when they are asked
             for; empty if any is.
         change: when it may be changed.
+        example: a usual value where the default is zero.
 
     Raises:
         ValueError: the declaration contradicts itself.
@@ -53,6 +57,7 @@ class Declaration:
     high: float | None = None
     choices: tuple[str, ...] | Callable[[], tuple[str, ...]] = ()
     change: Changeable = Changeable.AT_START
+    example: float = 0.0
 
     def __post_init__(self) -> None:
         ranged = type(self.default) in (int, float)
@@ -92,7 +97,9 @@ class Declaration:
         unit = f" {self.unit}" if self.unit else ""
         if isinstance(self.default, float) and self.high is not None:
             # The default may be zero, which many take for "none".
-            example = written(self.default or self.high)
+            usual = self.example or self.default or self.high
+            small = self.unit == "m" and usual < _SMALL_LENGTH
+            example = written(usual) + (f" ({usual * IN_MICRO:g} µm)" if small else "")
             return f"a number with a point, such as {example}, from {self.limits}{unit}"
         kind = _KINDS[type(self.default)]
         return f"{kind} from {self.limits}{unit}" if self.limits else kind

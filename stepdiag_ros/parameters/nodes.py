@@ -164,6 +164,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 0.0,
                 0.1,
                 change=Changeable.ANY_TIME,
+                example=10e-6,
             ),
         ),
     ),
