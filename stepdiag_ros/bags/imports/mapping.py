@@ -146,6 +146,13 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
         ValueError: names the file, the key, what is wrong and what is expected.
     """
     top = Section(parsed, source)
+    if "table" not in parsed and "blocks" in parsed:
+        raise Refusal(
+            f"{source} describes the run of a run table, not columns: give it as --case, without"
+            " --mapping",
+            fault="wrong_kind",
+            aspect="case",
+        )
     table = top.names("table", TABLES)[0]
     layout = top.section("text")
     columns = _columns(top, table)

@@ -261,6 +261,12 @@ def test_a_mapping_file_that_is_wrong_is_refused_with_its_key(name, change, said
         read_file(path, by(written(tmp_path, name, change), axis="X"))
 
 
+def test_the_case_of_a_run_table_is_no_mapping_file():
+    case = {"units": "SI", "chain": ["Y", "X", "Z"], "step_m": [0.01] * 3, "blocks": 12}
+    with refused(ValueError, "wrong_kind", "case"):
+        mapping_of(case, "case.yaml", "")
+
+
 def page_example(tmp_path):
     """Write the example of the how-to, table and mapping, and return their paths."""
     page = (Path(__file__).parents[3] / "docs" / "how_to" / "import.md").read_text("utf-8")
