@@ -321,9 +321,9 @@ def _given_all_the_same(visibility: Visibility, results: Sequence[VolumetricErro
         else ""
     )
     return [
-        "The table assumes that all angular errors are free. Methods that take them as zero still"
-        f" give errors that are not determined here ({methods}{besides}). These are right only if"
-        " no axis rotates; otherwise they include the effect of the rotations."
+        "Rotations may be of any size here. Methods that take them as zero give errors that this"
+        f" table calls confounded ({methods}{besides}): their ± contains rotations of plausible"
+        " size, not larger ones."
     ]
 
 

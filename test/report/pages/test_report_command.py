@@ -222,7 +222,7 @@ def test_the_first_page_says_the_worst_error_and_whether_it_is_allowed(page, doc
     assert page.facts()["Largest error in the volume"] == f"{size} µm"
     assert "could bring the largest error in the volume" in page.text
     # What is left is uncertain where the errors are known least well, and not by U of the largest.
-    (most,) = re.findall(r"with its uncertainty to ([0-9.]+) µm at most", page.text)
+    (most,) = re.findall(r"up to ([0-9.]+) µm may remain", page.text)
     assert float(most) >= 0.99 * expanded * IN_MICRO
     assert document["summary"]["lower_bound"] is False
     volume = document["sections"]["volume"]

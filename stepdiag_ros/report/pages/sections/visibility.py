@@ -11,8 +11,12 @@ def _tell(material: Material) -> SectionContent | str:
     found = material.report.visibility
     if found is None:
         return "What these lines determine was not computed."
+    any_size = ", where rotations may be of any size" if found.chain else ""
     drawing = Drawing(
-        "visibility", (found,), "What these lines determine of each error.", {"title": ""}
+        "visibility",
+        (found,),
+        f"What these lines determine of each error{any_size}.",
+        {"title": ""},
     )
     return SectionContent(
         {
