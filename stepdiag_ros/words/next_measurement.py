@@ -62,8 +62,9 @@ _NO_PATTERN = (
     " belonged to this run."
 )
 _WRONG_READING = (
-    "Compare the reading at {which} with what was noted there. Correct the table, or mark the stop"
-    " as rejected, and import the table again; of a recorded run, measure the line again."
+    "Compare the reading at {which} with what was noted there (stops and repeats count from 0: the"
+    " first run of a table is repeat 0). Correct the table, or mark the stop as rejected, and"
+    " import the table again; of a recorded run, measure the line again."
 )
 
 
