@@ -86,11 +86,13 @@ def test_nothing_goes_on_without_a_figure_on_the_whole_run(changed):
 def test_a_sequencer_that_was_never_there_is_told_from_one_that_is_silent(monkeypatch):
     supervisor = EXAMPLE["Supervisor"].__new__(EXAMPLE["Supervisor"])
     monkeypatch.setattr(supervisor, "get_namespace", lambda: "/elsewhere", raising=False)
+    nodes = [("sequencer", "/cell_1"), ("solver", "/cell_2")]
+    monkeypatch.setattr(supervisor, "get_node_names_and_namespaces", lambda: nodes, raising=False)
     supervisor._heard = time.monotonic() - 5.0
     supervisor._found = False
     supervisor.check()  # it may still be discovered
     supervisor._heard = time.monotonic() - 11.0
-    with refused(TimeoutError, None, "/elsewhere", "ROS_DOMAIN_ID"):
+    with refused(TimeoutError, None, "/elsewhere", "/cell_1", "ROS_DOMAIN_ID"):
         supervisor.check()
     supervisor._found = True
     supervisor._heard = time.monotonic() - 3.0

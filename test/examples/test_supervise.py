@@ -124,11 +124,6 @@ def test_a_run_is_supervised_to_its_end_and_a_silent_sequencer_is_a_fault(cell, 
         # The client library names itself; the example adds a line.
         assert len(err.splitlines()) == 2, err
 
-    supervisor = started(EXAMPLE, plan, "--ros-args", "-r", "__ns:=/elsewhere")
-    _, err = ended(cell, supervisor)
-    # It names the namespace that was asked for, and the one that has a sequencer.
-    assert supervisor.returncode == 1 and "/elsewhere" in err and "there is one in /:" in err
-
     supervisor = started(EXAMPLE, plan)
     cell.wait(lambda: cell.state() is State.RUNNING, "the last run is on")
     cell.processes.running["sequencer"].kill()

@@ -27,7 +27,13 @@ from stepdiag_ros.metrology.effects.domain import since_reversal
 from stepdiag_ros.metrology.effects.effect import Change
 from stepdiag_ros.metrology.effects.learned_rotation import EFFECT as ROTATION
 from stepdiag_ros.metrology.effects.learned_shape import EFFECT as LEARNED
-from stepdiag_ros.metrology.effects.learned_shape import driver, factor, product_of
+from stepdiag_ros.metrology.effects.learned_shape import (
+    Places,
+    driver,
+    factor,
+    over_box,
+    product_of,
+)
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, moving_axis
 from stepdiag_ros.metrology.model import FITTED, MachineModel, Provenance
@@ -137,6 +143,51 @@ def test_the_formula_is_the_displacement_over_the_box():
         assert low < finding.sizes["amplitude"] < high
     assert diagnosis.description.nearest
     assert 0.0 < diagnosis.description.nearest_share < 1.0
+
+
+def swing_of_bridge(y, z):
+    return 8e-6 * (np.sin(np.pi * z) * y) ** 2
+
+
+def shaken(stops):
+    """The bridge swings along X, which shifts the mean."""
+    return stops.direction[:, 0] * swing_of_bridge(stops.share[:, 1], stops.share[:, 2])
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_a_formula_does_not_invent_a_displacement_where_no_stop_was(seed):
+    """Body diagonals in one order leave most of the box unseen: shapes of there fitted noise."""
+    diagnosis = diagnose(hidden_run(shape=shaken, orders=("XYZ",), blocks=12, seed=seed))
+    assert diagnosis.verdict == DESCRIBED
+    share = np.linspace(0.0, 1.0, 21)
+    y, z = np.meshgrid(share, share, indexing="ij")
+    places = Places(np.column_stack([np.zeros(y.size), y.ravel(), z.ravel()]))
+    found = sum(
+        one.sizes["amplitude"] * product_of(str(one.candidate.setting["shape"]), places)
+        for one in diagnosis.findings
+    ).reshape(y.shape)
+    true = swing_of_bridge(y, z)
+    assert np.linalg.norm(beyond_curves(found - true)) < np.linalg.norm(beyond_curves(true))
+
+
+def beyond_curves(values):
+    """Return a displacement over a grid less what is a curve of one of its axes."""
+    rows, columns = (np.mean(values, axis=axis, keepdims=True) for axis in (0, 1))
+    return values - rows - columns + np.mean(values)
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        ("x^1", 0.0),
+        ("x^1 * sense y", 0.0),
+        ("x^1 * y^1", 1.0 / 12.0),
+        ("x^1 * y^1 * t^1", 1.0 / 12.0),
+        ("x^1 * y^1 * z^1", np.sqrt(1.0 / 27.0 - 1.0 / 64.0 - 3.0 / 192.0)),
+    ],
+)
+def test_what_a_shape_is_over_a_box_beyond_curves(shape, expected):
+    assert over_box(shape) == pytest.approx(expected, rel=0.02)
 
 
 def test_a_model_learns_what_was_described_and_then_agrees():

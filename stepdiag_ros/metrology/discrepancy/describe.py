@@ -32,6 +32,7 @@ from stepdiag_ros.metrology.discrepancy.structure import (
     window,
 )
 from stepdiag_ros.metrology.discrepancy.windows import best_window
+from stepdiag_ros.metrology.effects.learned_shape import factors, is_of_place, over_box
 from stepdiag_ros.metrology.effects.stops import Stops
 from stepdiag_ros.metrology.geometry import AXES, Vector
 
@@ -50,6 +51,10 @@ _HIDDEN = 1e-3
 """Share of a column beyond what is free below which nothing but rounding is left of it."""
 _NEW = 1e-2
 """Share of a column beyond chosen ones below which it adds nothing new."""
+_FARTHEST = 16.0
+"""How much larger a shape of several places may be over the box than what the readings show of it,
+beyond what is free in both. The readings say next to nothing of the size of one that acts mostly
+where no stop was, and a compensation by it makes the machine worse there."""
 _RANK_LIMIT = 1e-6
 """Share of the largest squared length below which rounding decides: what is hidden is taken off."""
 
@@ -336,6 +341,25 @@ class Describer:
         """Return the evidence that a family costs as one of those with as many quantities."""
         return family.price + self._number[len(family.drivers)] + float(np.log(tried))
 
+    def _are_near(self, acts_on: str, shapes: Sequence[str], left: Vector) -> NDArray[np.bool_]:
+        """Say which shapes act where the run went, and not mostly elsewhere in the box, (k,).
+
+        Args:
+            acts_on: as of a family.
+            shapes: products of factors.
+            left: their columns of size one beyond what is free, (rows, k).
+        """
+        largest = np.max(np.abs(columns_of(acts_on, shapes, self._stops, self._factors)), axis=0)
+        seen = np.linalg.norm(left, axis=0) * largest * self._problem.noise / np.sqrt(len(left))
+        in_box = [over_box(shape) * self._size_of_others(shape) for shape in shapes]
+        near: NDArray[np.bool_] = np.asarray(in_box) <= _FARTHEST * seen
+        return near
+
+    def _size_of_others(self, shape: str) -> float:
+        """Return the rms at the stops of the factors of a shape that are not of places."""
+        others = [self._factors[one] for one in factors(shape) if not is_of_place(one)]
+        return float(np.sqrt(np.mean(np.prod(others, axis=0) ** 2))) if others else 1.0
+
     def _write(self, weighed: _Weighed, gap: Vector, span: Vector) -> _Written | None:
         """Write a family by few of its shapes, one after another; None if none is worth it."""
         family = weighed.family
@@ -343,6 +367,10 @@ class Describer:
         shapes = tuple(dict.fromkeys((*family.shapes, *family.fine)))
         left, real = self._left(family.acts_on, shapes, span)
         names = [shape for shape, shows in zip(shapes, real, strict=True) if shows]
+        near = self._are_near(family.acts_on, names, left)
+        names, left = [names[one] for one in np.flatnonzero(near)], left[:, near]
+        if not names:
+            return None
         price = 0.5 * float(np.log(len(gap)) + np.log(len(names)))
         chosen: list[int] = []
         while len(chosen) < MOST_SHAPES:

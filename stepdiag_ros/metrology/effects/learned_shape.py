@@ -29,7 +29,7 @@ factor               value, with u the share of the travel of the axis, 0 to 1
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -227,6 +227,32 @@ def product_of(shape: str, stops: Stops | Places) -> Vector:
     """
     value: Vector = np.prod([factor(text, stops) for text in factors(shape)], axis=0)
     return value
+
+
+@lru_cache(maxsize=4096)
+def is_of_place(text: str) -> bool:
+    """Say whether a factor depends on the place of one axis alone."""
+    names = quantities(text)
+    return len(names) == 1 and names[0] in PLACES
+
+
+@lru_cache(maxsize=4096)
+def over_box(shape: str) -> float:
+    """Return the rms over a box of what a shape is there beyond curves of single axes.
+
+    Only its factors of places count; with fewer than two of them it is 0.
+    """
+    share = np.tile(np.linspace(0.0, 1.0, 201)[:, None], (1, 3))
+    values = [factor(one, Places(share)) for one in factors(shape) if is_of_place(one)]
+    if len(values) < 2:
+        return 0.0
+    means = np.mean(values, axis=1)
+    variances = np.var(values, axis=1)
+    curves = [
+        variance * np.prod(np.delete(means, axis)) ** 2 for axis, variance in enumerate(variances)
+    ]
+    beyond = np.prod(variances + means**2) - np.prod(means**2) - sum(curves)
+    return float(np.sqrt(max(beyond, 0.0)))
 
 
 def driver(text: str) -> str:
