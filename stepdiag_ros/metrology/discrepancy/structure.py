@@ -42,6 +42,9 @@ FADING = float(np.log(60.0))
 """Evidence that it costs a sense to fade: every machine has backlash, which lasts. For odds of 1
 to 20, readings must favour what fades by 3 to 1 ("positive evidence", Kass & Raftery 1995, J. Am.
 Stat. Assoc. 90, 773)."""
+_LEAST_SWING = 0.1
+"""By how much a swing of amplitude 1 must change from stop to stop: with two stops in a period, the
+sine is zero at all of them, and readings would give it any size."""
 _LEAST_STOPS = 2.5
 """Stops in the shortest period that shows."""
 
@@ -249,7 +252,8 @@ def _swings(acts_on: str, stops: Stops) -> Iterator[Family]:
         steps = len(np.unique(np.round(stops.position[:, axis], 6))) - 1
         for waves in np.arange(1.0, 0.5 * steps + 0.25, 0.5):
             period = _plain(1.0 / waves)
-            waving = tuple(f"{kind} {letter}/{period}" for kind in ("sin", "cos"))
+            both = (f"{kind} {letter}/{period}" for kind in ("sin", "cos"))
+            waving = tuple(one for one in both if np.ptp(factor(one, stops)) > _LEAST_SWING)
             shapes = _products((waving, (f"{other.lower()}^1",)))
             names = (driver(waving[0]), driver(f"{other.lower()}^1"))
             factors = (waving, _place(other.lower()).some)

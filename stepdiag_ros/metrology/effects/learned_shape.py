@@ -231,9 +231,12 @@ def product_of(shape: str, stops: Stops | Places) -> Vector:
 
 @lru_cache(maxsize=4096)
 def is_of_place(text: str) -> bool:
-    """Say whether a factor depends on the place of one axis alone."""
+    """Say whether a factor depends on the place of one axis alone, and not periodically.
+
+    Of what is periodic, the stops show only how it beats with the steps.
+    """
     names = quantities(text)
-    return len(names) == 1 and names[0] in PLACES
+    return len(names) == 1 and names[0] in PLACES and not text.startswith(("sin", "cos"))
 
 
 @lru_cache(maxsize=4096)
