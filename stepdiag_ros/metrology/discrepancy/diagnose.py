@@ -42,10 +42,11 @@ from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.variants import better_variant
 from stepdiag_ros.metrology.discrepancy.wrong_reading import (
     FEW_SLIPS,
+    QUIETER,
     WrongReading,
     are_slips,
-    clearly_wrong,
     many_slips,
+    most_wrong,
     with_wrong_readings,
 )
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
@@ -122,13 +123,14 @@ def diagnose(
         return _gross(steadied(stops_of(measurement)), gross)
     tell("fitting the baseline")
     start = model.start(measurement)
-    slips = _slips(start, model, tell, FEW_SLIPS)
-    found = _but_for_wrong_readings(slips, start, model, seed, tell)
-    if found is None:
-        found = _compared(start, model, seed, tell)
-        if slips is None and found.verdict == verdicts.UNEXPLAINED:
-            slips = _slips(start, model, tell, many_slips(start.stops))
-            found = _but_for_wrong_readings(slips, start, model, seed, tell) or found
+    slips = _slips(start, model, tell)
+    if slips.first:
+        found = _but_for_wrong_readings(slips, start, model, seed, tell)
+        if found is not None:
+            return found
+    found = _compared(start, model, seed, tell)
+    if found.verdict == verdicts.UNEXPLAINED and not slips.first:
+        return _but_for_wrong_readings(slips, start, model, seed, tell) or found
     return found
 
 
@@ -165,34 +167,48 @@ class _Model:
 
 
 class _Slips(NamedTuple):
-    """Readings that stand out, and the run without them."""
+    """Readings that stand out, and the run without them.
+
+    Attributes:
+        found: none, if they are too many or in a row.
+        rest: the run without them.
+        first: they are looked at before effects.
+    """
 
     found: list[WrongReading]
     rest: _Start
+    first: bool
 
 
-def _slips(start: _Start, model: _Model, tell: Progress, most: int) -> _Slips | None:
-    """Return the readings of a run that stand out; None if they are too many or in a row."""
-    found: list[WrongReading] = []
-    now = start
+def _slips(start: _Start, model: _Model, tell: Progress) -> _Slips:
+    """Return the readings of a run that stand out from the rest, one after another."""
+    taken: list[WrongReading] = []
+    slips = _Slips([], start, False)
+    now, most = start, many_slips(start.stops)
     while now.noise_is_known:
         rotation = now.measurement.plausible.rotation
-        wrong = clearly_wrong(now.baseline, now.stops, now.noise, rotation)
+        wrong = most_wrong(now.baseline, now.stops, now.noise, rotation)
         if wrong is None:
             break
-        found.append(wrong)
-        if not are_slips(found, most):
-            return None
+        taken.append(wrong)
+        if not are_slips(taken, most):
+            # Beyond a few clear ones, what hides may be an effect; else too much is wrong.
+            few = slips.first and all(one.clear for one in slips.found)
+            return slips if few and not wrong.clear else _Slips([], start, False)
         tell("leaving out a reading that stands out")
         now = model.start(wrong.without(now.measurement))
-    return _Slips(found, now)
+        if wrong.clear:
+            few = len(taken) <= FEW_SLIPS and all(one.clear for one in taken)
+            quieter = QUIETER * now.noise.size < start.noise.size
+            slips = _Slips(list(taken), now, few or quieter)
+    return slips
 
 
 def _but_for_wrong_readings(
-    slips: _Slips | None, start: _Start, model: _Model, seed: int, tell: Progress
+    slips: _Slips, start: _Start, model: _Model, seed: int, tell: Progress
 ) -> Diagnosis | None:
     """Return the diagnosis of a run of which these readings are wrong; None if more is."""
-    if slips is None or not slips.found:
+    if not slips.found:
         return None
     rest = _compared(slips.rest, model, seed, tell)
     if not np.isfinite(rest.noise):

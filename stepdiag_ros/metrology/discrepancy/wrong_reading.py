@@ -7,8 +7,11 @@ with the model, or has effects of the catalogue, these readings are wrong. Anoth
 read the same stop, so that a machine that is off at one place is not mistaken for a wrong reading.
 Neighbours in a pass are not suspected: what acts on several stops in a row is an effect.
 
-Some effects act on single stops, too, such as a creep on the first after each reversal. So effects
-come first where more than a few readings stand out, and readings only where nothing else serves.
+Several wrong readings hide each other: each is compared with a rest that holds the others, and what
+forward and backward passes differ by is no longer the noise. They are then taken off one after
+another, and count if without them the noise is a fraction. Some effects act on single stops, too,
+such as a creep on the first after each reversal. So effects come first where more than a few
+readings stand out and the noise stays, and readings only where nothing else serves.
 """
 
 from collections.abc import Sequence
@@ -38,12 +41,16 @@ _MOST = 64
 """Readings that are looked at: those with the largest gap."""
 FEW_SLIPS = 3
 """Wrong readings of one run that are looked for before effects."""
-_SHARE_OF_SLIPS = 0.02
+_SHARE_OF_SLIPS = 0.03
 """Part of all readings that may be wrong; where there are more, the way of reading is wrong."""
 _MANY_SLIPS = 12
 """Wrong readings of one run at most: each costs a fit of the whole run."""
 _CLEAR = 8.0
 """Standard deviations, by what is left of the run, by which a wrong reading stands out."""
+_HIDDEN = 4.5
+"""The same, where others that are wrong are left."""
+QUIETER = 3.0
+"""How much less noise a run has without wrong readings that hid each other."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +61,13 @@ class WrongReading:
         line: index of its pass in the measurement.
         stop: number of the stop in the pass, from 0.
         size: by how much it is off, m.
+        clear: it stands out by far from the rest; otherwise others that are wrong may hide it.
     """
 
     line: int
     stop: int
     size: float
+    clear: bool = True
 
     def without(self, measurement: Measurement) -> Measurement:
         """Return a measurement in which this stop has no reading."""
@@ -91,10 +100,10 @@ def are_slips(wrong: Sequence[WrongReading], most: int) -> bool:
     return len(wrong) <= most and not beside
 
 
-def clearly_wrong(
+def most_wrong(
     baseline: Baseline, stops: Stops, noise: Noise, rotation: float
 ) -> WrongReading | None:
-    """Return the reading that stands out by far from the rest; None if none does.
+    """Return the reading that stands out most from the rest; None if none does.
 
     Args:
         baseline: of the run.
@@ -118,9 +127,11 @@ def clearly_wrong(
     best = int(np.argmax(gains))
     rest = (float(problem.gap @ problem.gap) - gains[best]) / max(problem.freedom - 1, 1)
     stop = int(good[rows[best]])
-    if not gains[best] > _CLEAR**2 * rest or not _repeated(stop, good, stops):
+    out = float(np.sqrt(gains[best] / rest)) if rest > 0.0 else np.inf
+    if not out > _HIDDEN or not _repeated(stop, good, stops):
         return None
-    return WrongReading(int(stops.pass_index[stop]), int(stops.number[stop]), float(sizes[best]))
+    where = int(stops.pass_index[stop]), int(stops.number[stop])
+    return WrongReading(*where, float(sizes[best]), clear=out > _CLEAR)
 
 
 def _repeated(stop: int, good: NDArray[np.int64], stops: Stops) -> bool:
