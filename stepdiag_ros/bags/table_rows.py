@@ -258,6 +258,8 @@ def _places(header: list[str], source: str) -> dict[str, int]:
         near = nearest(missing[0], unknown)
         hint = f"; there is an unknown column '{near or unknown[0]}'" if unknown else ""
         hint += f": {suggestion(missing[0])}" if near else ""
+        if unknown and len(missing) > 1:
+            hint += "; a table with columns of its own needs a mapping file (--mapping)"
         if missing[0] in ENVIRONMENT_COLUMNS:
             hint += "; its cells may be empty if it was not measured"
         raise refusal(source, 1, f"column '{missing[0]}' is missing{hint}", fault="missing")

@@ -30,8 +30,8 @@ _READABLE = {
     "s": ("ms", IN_MILLI),
 }
 MEANING = {
-    CONSISTENT: "The model explains this run to within its noise. The table lists how large each"
-    " effect would have to be to show.",
+    CONSISTENT: "The model explains this run to within its noise. Each effect has a smallest size"
+    " that would have been seen; the run says nothing of a smaller one.",
     NAMED: "The run shows more than the model explains. Of all effects in the catalogue, only those"
     " named here close the gap.",
     AMBIGUOUS: "The run shows more than the model explains. Several effects would close the gap,"

@@ -453,7 +453,8 @@ def _compensated(
         wide *= max(judged.expanded_uncertainty / (COVERAGE_FACTOR * own), 1.0)
         most = two_digits((change.after + wide) * IN_MICRO)
         known = ", as far as the uncertainty is known" if judged.lower_bound else ""
-        reached += f"; by U where it is largest, up to {most} µm may remain (95 %{known})"
+        more = "" if change.after + wide < change.before else ", which is more than now"
+        reached += f"; by U where it is largest, up to {most} µm may remain (95 %{known}){more}"
     return [
         f"compensation ({made.control.title}) could bring the largest error in the volume, with"
         f" reversal, from {before} µm to {reached}. Measure again after it."
