@@ -7,6 +7,7 @@ from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.evaluation.budget import with_budget
 from stepdiag_ros.evaluation.lead import RunLead, lead_of
 from stepdiag_ros.evaluation.report import Report
+from stepdiag_ros.evaluation.solving import one_thread
 from stepdiag_ros.metrology.discrepancy.findings import (
     AMBIGUOUS,
     CONSISTENT,
@@ -39,7 +40,8 @@ def lead_of_results(
 ) -> RunLead:
     """Return the summary of results by method, before a diagnosis and without the recording.
 
-    Its uncertainties are those that ``stepdiag solve`` states of the same lines.
+    Its uncertainties are those that ``stepdiag solve`` states of the same lines. A target is judged
+    by them, so live and from a bag they are bit-identical.
 
     Args:
         results: of all methods that could be used.
@@ -48,7 +50,8 @@ def lead_of_results(
     """
     found = tuple(results.values())
     report = Report(found, chain=measurement.chain, measurement=measurement, passes=passes)
-    return lead_of(with_budget(report))
+    with one_thread():
+        return lead_of(with_budget(report))
 
 
 def decide(
