@@ -246,18 +246,16 @@ class Describer:
         return made
 
     def _columns(self, acts_on: str, shapes: Sequence[str]) -> Vector:
-        """Return columns, each of such a size that it changes no reading by more than 1 m, (n, k).
+        """Return what shapes add to the readings, (n, k)."""
+        return columns_of(acts_on, shapes, self._stops, self._factors)
 
-        Whether a shape is per hour, per kelvin or a rotation, its typical amplitudes are then those
-        of the displacements.
+    def _left(self, columns: Vector, span: Vector) -> tuple[Vector, NDArray[np.bool_]]:
+        """Return columns beyond what is free and a span, those that show, and which these are.
+
+        Each has such a size that it changes no reading by more than 1 m: whether a shape is per
+        hour, per kelvin or a rotation, its typical amplitudes are then those of the displacements.
         """
-        return _of_size_one(columns_of(acts_on, shapes, self._stops, self._factors))
-
-    def _left(
-        self, acts_on: str, shapes: Sequence[str], span: Vector
-    ) -> tuple[Vector, NDArray[np.bool_]]:
-        """Return columns beyond what is free and a span, those that show, and which these are."""
-        raw = self._columns(acts_on, shapes)
+        raw = _of_size_one(columns)
         left = self._problem.left_of(raw)
         left -= span @ (span.T @ left)
         before = np.linalg.norm(raw, axis=0) / self._problem.noise
@@ -321,7 +319,7 @@ class Describer:
     def _luck(self, weighed: _Weighed, span: Vector) -> Vector:
         """Return the evidence that noise gives a family in each draw, shape (draws,)."""
         family = weighed.family
-        left, real = self._left(family.acts_on, family.shapes, span)
+        left, real = self._left(self._columns(family.acts_on, family.shapes), span)
         if not np.any(real):
             return np.full(_DRAWS, -np.inf)
         left /= np.sqrt(left.shape[1])
@@ -341,15 +339,15 @@ class Describer:
         """Return the evidence that a family costs as one of those with as many quantities."""
         return family.price + self._number[len(family.drivers)] + float(np.log(tried))
 
-    def _are_near(self, acts_on: str, shapes: Sequence[str], left: Vector) -> NDArray[np.bool_]:
+    def _are_near(self, shapes: Sequence[str], columns: Vector, left: Vector) -> NDArray[np.bool_]:
         """Say which shapes act where the run went, and not mostly elsewhere in the box, (k,).
 
         Args:
-            acts_on: as of a family.
             shapes: products of factors.
-            left: their columns of size one beyond what is free, (rows, k).
+            columns: what they add to the readings, (n, k).
+            left: the same of size one, beyond what is free, (rows, k).
         """
-        largest = np.max(np.abs(columns_of(acts_on, shapes, self._stops, self._factors)), axis=0)
+        largest = np.max(np.abs(columns), axis=0)
         seen = np.linalg.norm(left, axis=0) * largest * self._problem.noise / np.sqrt(len(left))
         in_box = [over_box(shape) * self._size_of_others(shape) for shape in shapes]
         near: NDArray[np.bool_] = np.asarray(in_box) <= _FARTHEST * seen
@@ -365,9 +363,10 @@ class Describer:
         family = weighed.family
         gap = gap - span @ (span.T @ gap)
         shapes = tuple(dict.fromkeys((*family.shapes, *family.fine)))
-        left, real = self._left(family.acts_on, shapes, span)
+        columns = self._columns(family.acts_on, shapes)
+        left, real = self._left(columns, span)
         names = [shape for shape, shows in zip(shapes, real, strict=True) if shows]
-        near = self._are_near(family.acts_on, names, left)
+        near = self._are_near(names, columns[:, real], left)
         names, left = [names[one] for one in np.flatnonzero(near)], left[:, near]
         if not names:
             return None
