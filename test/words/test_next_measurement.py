@@ -102,7 +102,7 @@ def test_of_a_wrong_reading_nothing_but_this_reading_is_to_be_looked_at():
 def test_of_several_wrong_readings_each_is_to_be_looked_at():
     which = wrong_readings(0, -1)
     (advice,) = next_sentences(_Found(UNEXPLAINED, wrong_readings=which))
-    # Whoever noted the readings finds them in the table by their places.
+    # The operator finds them in the table by their places.
     assert all(one in advice and one.endswith(" mm)") for one in which)
     # In a table runs count from 1, in the name of a pass repeats from 0.
     assert "repeat 0" in advice.replace(which[0], "").replace(which[1], "")
