@@ -178,7 +178,7 @@ def lead_of(
         positioning=_tests(report, positioning),
         errors=tuple(sorted(known, key=lambda one: one.value, reverse=True)),
         directions=tuple(dict.fromkeys(one.line.direction for one in lines)),
-        tracked=any(one.line.kind == TRACKER for one in lines),
+        tracked=measurement is not None and _is_tracked(measurement),
         repeated=not lines or len({one.line.setup for one in lines}) < len(lines),
         as_zero=() if rotating else ROTATIONS,
         told_elsewhere=() if rotating else _told(report.results),
@@ -243,13 +243,20 @@ def _known(curve: Vector | None) -> bool:
 
 
 def _remedy(measurement: Measurement | None, passes: Completeness | None) -> str:
-    """Return which lines would determine the unknown errors; of a run cut short, its own lines."""
+    """Return which lines would determine the unknown errors; of a run cut short, its own lines.
+
+    Empty for a run with a tracker: what its lines determine depends on where it stands.
+    """
     cut_short = passes is not None and not passes.whole
-    if measurement is None or not measurement.lines or cut_short:
+    if measurement is None or not measurement.lines or cut_short or _is_tracked(measurement):
         return ""
     lines = tuple(one.line for one in measurement.lines)
     plan = Plan("as measured", measurement.volume, lines, math.nan)
     return undetermined(plan).remedy_words
+
+
+def _is_tracked(measurement: Measurement) -> bool:
+    return any(one.line.kind == TRACKER for one in measurement.lines)
 
 
 def _told(results: Sequence[VolumetricErrors]) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
 from stepdiag_ros.metrology.solvers.observations import observe
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
+from stepdiag_ros.metrology.tracker.tracked_line import TRACKER
 
 _LACK = 1e-3
 """Probability below which a lack of fit beyond the scatter of repeats is not put down to chance."""
@@ -33,12 +34,13 @@ def misfit(result: VolumetricErrors, measurement: Measurement | None) -> Misfit:
 
     Args:
         result: by least squares, with χ² and degrees of freedom; others disagree with nothing.
-        measurement: that it was solved from; None if it is not at hand.
+        measurement: that it was solved from; None if it is not at hand. The repeats of a tracker's
+            lengths are not compared, so that a lack of fit stays unclear.
     """
     freedom = result.degrees_of_freedom
     if not freedom or not exceeds_chance(result.chi_squared, freedom):
         return Misfit.NONE
-    if measurement is None:
+    if measurement is None or any(line.line.kind == TRACKER for line in measurement.lines):
         return Misfit.UNCLEAR
     observations = observe(measurement)
     squares, pure = observations.pure_error(observations.uncertainty**-2)

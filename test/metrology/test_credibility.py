@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells_for_tests import make_cell
+from tracker_runs import tracker_run
 
 from stepdiag_ros.configuration import plan_from_text
 from stepdiag_ros.metrology.credibility import Misfit, is_noise, misfit
+from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.plausible import NOTHING
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers.least_squares import solve_least_squares
@@ -140,3 +142,10 @@ def test_a_diagonal_that_stands_out_is_no_noise(perfect):
         for one in result.figures
     )
     assert not is_noise(replace(result, figures=figures))
+
+
+def test_lengths_of_a_tracker_leave_a_misfit_unclear(perfect):
+    _, result = perfect[0]
+    plan, lines = tracker_run()
+    off = replace(result, chi_squared=10.0 * result.degrees_of_freedom)
+    assert misfit(off, Measurement(plan.volume, lines)) is Misfit.UNCLEAR

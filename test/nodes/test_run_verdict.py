@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import rclpy
 from patience import PATIENCE
+from tracker_runs import tracker_run
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
 from stepdiag_ros.bags.passes import Completeness
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.evaluation.decision import decide, lead_of_results
-from stepdiag_ros.evaluation.solving import solve_reproducibly
+from stepdiag_ros.evaluation.solving import solve_reproducibly, solve_run
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.decision import from_decision
 from stepdiag_ros.messages.types import message_type
@@ -49,6 +50,16 @@ def solved(measured):
     results, _ = solve_reproducibly(measured)
     count = len(measured.lines)
     return lead_of_results(results, measured, Completeness(count, count)), results
+
+
+def test_lines_of_a_tracker_have_a_verdict_without_a_figure():
+    plan, lines = tracker_run()
+    measurement = Measurement(plan.volume, lines)
+    found = solve_run(plan, measurement, lines[-1])
+    lead = lead_of_results(found.results, measurement, Completeness(len(lines), len(lines)))
+    decision = decide(lead, "seven_lines", 1e-6)
+    assert lead.tracked and isnan(decision.worst_error)
+    assert decision.conformity is Conformity.UNDECIDED
 
 
 def rotation(label):
