@@ -1,13 +1,12 @@
 """A run against a model: do they agree, and if not, where, why, and how sure is that."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy import findings as verdicts
-from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened, fit_baseline, whitened
+from stepdiag_ros.metrology.discrepancy.baseline import Baseline, Whitened, whitened
 from stepdiag_ros.metrology.discrepancy.candidates import Signatures, limits, signatures
 from stepdiag_ros.metrology.discrepancy.chance import LookElsewhere, look_elsewhere
 from stepdiag_ros.metrology.discrepancy.described import described, description_worth
@@ -38,17 +37,11 @@ from stepdiag_ros.metrology.discrepancy.rotation_finding import (
     rotation_finding,
 )
 from stepdiag_ros.metrology.discrepancy.selection import EVIDENCE_RATIO, FALSE_NAME_LEVEL, Selection
+from stepdiag_ros.metrology.discrepancy.slips import Slips, find_slips
+from stepdiag_ros.metrology.discrepancy.start import Model, Progress, Start, stated_noise
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.discrepancy.variants import better_variant
-from stepdiag_ros.metrology.discrepancy.wrong_reading import (
-    FEW_SLIPS,
-    QUIETER,
-    WrongReading,
-    are_slips,
-    many_slips,
-    most_wrong,
-    with_wrong_readings,
-)
+from stepdiag_ros.metrology.discrepancy.wrong_reading import with_wrong_readings
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Effect
 from stepdiag_ros.metrology.effects.gross import gross_errors
 from stepdiag_ros.metrology.effects.several_angular_errors import EFFECT as SEVERAL_ANGULAR_ERRORS
@@ -65,8 +58,6 @@ no more than one run in K."""
 _SAME_NOISE = 0.03
 _SAME_CORRELATION = 0.05
 _PASSES = 3
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -117,13 +108,13 @@ def diagnose(
     """
     require_size_for(DIAGNOSIS, measurement.volume.blocks, measurement.stop_count)
     tell = progress or (lambda _: None)
-    model = _Model(tuple(known), tuple(fitted), curves, _effects(catalogue))
+    model = Model(tuple(known), tuple(fitted), curves, _effects(catalogue))
     gross = gross_errors(measurement)
     if gross:
         return _gross(steadied(stops_of(measurement)), gross)
     tell("fitting the baseline")
     start = model.start(measurement)
-    slips = _slips(start, model, tell)
+    slips = find_slips(start, model, tell)
     if slips.first:
         found = _but_for_wrong_readings(slips, start, model, seed, tell)
         if found is not None:
@@ -134,78 +125,8 @@ def diagnose(
     return found
 
 
-@dataclass(frozen=True)
-class _Start:
-    """A run with its fitted baseline and the noise that its repeats show."""
-
-    measurement: Measurement
-    stops: Stops
-    baseline: Baseline
-    noise: Noise
-
-    @property
-    def noise_is_known(self) -> bool:
-        """Say whether the noise could be estimated."""
-        return bool(np.isfinite(self.noise.size) and self.noise.size > 0.0)
-
-
-@dataclass(frozen=True)
-class _Model:
-    """What a run is compared with: see ``diagnose``."""
-
-    known: tuple[ActiveEffect, ...]
-    fitted: tuple[ActiveEffect, ...]
-    curves: Mapping[str, Sequence[float]] | None
-    effects: list[Effect]
-
-    def start(self, measurement: Measurement) -> _Start:
-        """Fit the baseline of a run and estimate its noise."""
-        stops = steadied(stops_of(measurement))
-        baseline = fit_baseline(measurement, stops, self.known, self.fitted, self.curves)
-        noise = estimate_noise(baseline, baseline.gap, stops, stated_noise(measurement))
-        return _Start(measurement, stops, baseline, noise)
-
-
-class _Slips(NamedTuple):
-    """Readings that stand out, and the run without them.
-
-    Attributes:
-        found: none, if they are too many or in a row.
-        rest: the run without them.
-        first: they are looked at before effects.
-    """
-
-    found: list[WrongReading]
-    rest: _Start
-    first: bool
-
-
-def _slips(start: _Start, model: _Model, tell: Progress) -> _Slips:
-    """Return the readings of a run that stand out from the rest, one after another."""
-    taken: list[WrongReading] = []
-    slips = _Slips([], start, False)
-    now, most = start, many_slips(start.stops)
-    while now.noise_is_known:
-        rotation = now.measurement.plausible.rotation
-        wrong = most_wrong(now.baseline, now.stops, now.noise, rotation)
-        if wrong is None:
-            break
-        taken.append(wrong)
-        if not are_slips(taken, most):
-            # Beyond a few clear ones, what hides may be an effect; else too much is wrong.
-            few = slips.first and all(one.clear for one in slips.found)
-            return slips if few and not wrong.clear else _Slips([], start, False)
-        tell("leaving out a reading that stands out")
-        now = model.start(wrong.without(now.measurement))
-        if wrong.clear:
-            few = len(taken) <= FEW_SLIPS and all(one.clear for one in taken)
-            quieter = QUIETER * now.noise.size < start.noise.size
-            slips = _Slips(list(taken), now, few or quieter)
-    return slips
-
-
 def _but_for_wrong_readings(
-    slips: _Slips, start: _Start, model: _Model, seed: int, tell: Progress
+    slips: Slips, start: Start, model: Model, seed: int, tell: Progress
 ) -> Diagnosis | None:
     """Return the diagnosis of a run of which these readings are wrong; None if more is."""
     if not slips.found:
@@ -217,7 +138,7 @@ def _but_for_wrong_readings(
     return with_wrong_readings(rest, slips.found, problem, start.measurement)
 
 
-def _compared(start: _Start, model: _Model, seed: int, tell: Progress) -> Diagnosis:
+def _compared(start: Start, model: Model, seed: int, tell: Progress) -> Diagnosis:
     """Compare a run with a model; whether a single reading is wrong is not asked."""
     stops, baseline, noise = start.stops, start.baseline, start.noise
     stated = stated_noise(start.measurement)
@@ -261,13 +182,6 @@ def _effects(catalogue: Iterable[Effect] | None) -> list[Effect]:
     from stepdiag_ros.metrology.effects import catalogue as installed
 
     return list(installed().values())
-
-
-def stated_noise(measurement: Measurement) -> float:
-    """Return the standard uncertainty that comes beside readings, m; NaN if none does."""
-    values = np.concatenate([line.standard_uncertainty for line in measurement.lines])
-    values = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
 def _typical(active: Sequence[ActiveEffect]) -> float:

@@ -13,9 +13,9 @@ from math import nan, sqrt
 import numpy as np
 
 from stepdiag_ros.metrology.discrepancy.baseline import fit_baseline, whitened
-from stepdiag_ros.metrology.discrepancy.diagnose import stated_noise
 from stepdiag_ros.metrology.discrepancy.findings import CONSISTENT_LEVEL
 from stepdiag_ros.metrology.discrepancy.noise import estimate_noise
+from stepdiag_ros.metrology.discrepancy.start import stated_noise
 from stepdiag_ros.metrology.discrepancy.steady import steadied
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.measurement import Measurement

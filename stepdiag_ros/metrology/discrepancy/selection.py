@@ -6,7 +6,7 @@ candidate with more sizes, or one of many of its kind, would more often fit by l
 every effect of the catalogue is as likely as any other, and so is each of its settings).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from stepdiag_ros.metrology.discrepancy.findings import Candidate, Finding, Runn
 from stepdiag_ros.metrology.discrepancy.ranking import Ranker, Ranking
 from stepdiag_ros.metrology.discrepancy.siblings import not_separated
 from stepdiag_ros.metrology.discrepancy.sizes import Sizes
+from stepdiag_ros.metrology.discrepancy.start import Progress
 from stepdiag_ros.metrology.geometry import Vector
 
 FALSE_NAME_LEVEL = 0.002
@@ -36,8 +37,6 @@ _RUNNERS_UP = 6
 _MANY_KINDS = 9
 _MOST_ALIKE = 2
 """Effects of many places, such as slips, imitate anything if enough of them are taken."""
-
-Progress = Callable[[str], None]
 
 
 class Selection:
