@@ -296,7 +296,9 @@ def _shared_words(changes: MachineChanges) -> list[str]:
 
 def ratio(factor: float) -> str:
     """Write how many times one figure is another."""
-    return "> 1000" if factor > 1000.0 else plain(factor, 1 if factor >= 1.05 else 2)
+    if factor > 1000.0:
+        return "> 1000"
+    return plain(factor, 0 if factor >= 100.0 else 1 if factor >= 1.05 else 2)
 
 
 def _relation(probability: float) -> str:

@@ -295,8 +295,9 @@ def _directions(lead: RunLead) -> str:
 def _noise(lead: RunLead, volume: VolumetricAccuracy) -> str:
     return (
         "No error of this machine stands out from the noise of this"
-        f" measurement{_directions(lead)}: the largest error vector found,"
-        f" {plain(volume.value * IN_MICRO, 3)} µm, is within the noise."
+        f" measurement{_directions(lead)}. The largest error vector found,"
+        f" {plain(volume.value * IN_MICRO, 3)} µm, is no larger than noise alone makes the largest"
+        " of many values."
     )
 
 

@@ -1,16 +1,15 @@
 """One weighted least-squares estimate over everything measured.
 
-Unknowns: the nine translational curves, free at every node; two angles for every step-diagonal
-    setup; one
-zero for every pass. A mirror is set to return the beam, so both are taken to be turned together:
-the reading of the exact model is then s = g·(q + Σ t_i(q_i)) + zero with a unit vector g, which has
-the cosine error of a tilted line in it (second order, not in Ibaraki & Hata 2010, eq. 4). Tilts of
-linear lines act on the reading in the second order only and cannot be determined; they are taken as
-zero. Rotations of the axes are random functions of a size that the readings determine
-(``rotations``): those that the readings show are taken out, and what they do not show is in the
-uncertainties, as large as is plausible. Those that were measured directly at every node are
-unknowns instead, determined by the direct measurement and its uncertainty. ``rigid_body`` has all
-rotations as free curves.
+Unknowns: the nine translational curves, free at every node; two angles for every setup of a step
+diagonal; one zero for every pass. A mirror is set to return the beam, so both are taken to be
+turned together: the reading of the exact model is then s = g·(q + Σ t_i(q_i)) + zero with a unit
+vector g, which has the cosine error of a tilted line in it (second order, not in Ibaraki & Hata
+2010, eq. 4). Tilts of linear lines act on the reading in the second order only and cannot be
+determined; they are taken as zero. Rotations of the axes are random functions of a size that the
+readings determine (``rotations``): those that the readings show are taken out, and what they do not
+show is in the uncertainties, as large as is plausible. Those that were measured directly at every
+node are unknowns instead, determined by the direct measurement and its uncertainty. ``rigid_body``
+has all rotations as free curves.
 
 The frame is that of Ibaraki & Hata 2010, eq. 17: E_YX, E_ZX and E_YZ end at zero.
 """

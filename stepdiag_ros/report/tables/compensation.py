@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from stepdiag_ros.compensation.remaining import COMPUTED, BeforeAndAfter
 from stepdiag_ros.evaluation.compensation import CompensationReport
 from stepdiag_ros.text.console import PlainConsole
-from stepdiag_ros.text.numbers import UNKNOWN, plain
+from stepdiag_ros.text.numbers import UNKNOWN
 from stepdiag_ros.text.table import Table, new_table
+from stepdiag_ros.words.changes import ratio
 from stepdiag_ros.words.compensation import figure_name, limit_words, size_words, uncorrected
 
 NOT_INSTALLED = (
@@ -74,4 +75,4 @@ def change_table(title: str, changes: Sequence[BeforeAndAfter]) -> Table:
 def _times(one: BeforeAndAfter) -> str:
     if math.isnan(one.factor) or not math.isfinite(one.after):
         return UNKNOWN if math.isnan(one.before) or math.isnan(one.after) else "-"
-    return "> 1000" if one.factor > 1000 else plain(one.factor, 1)
+    return ratio(one.factor)
