@@ -1,12 +1,13 @@
 """Names against a formula: when they say the same, and when the formula rivals the names."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hidden_runs import hidden_run
 
-from stepdiag_ros.metrology.discrepancy import AMBIGUOUS, NAMED, diagnose
+from stepdiag_ros.metrology.discrepancy import AMBIGUOUS, DESCRIBED, NAMED, described, diagnose
 from stepdiag_ros.metrology.discrepancy.describe import Shapes
 from stepdiag_ros.metrology.discrepancy.described import (
     WITHOUT_A_NAME,
@@ -55,3 +56,21 @@ def test_a_formula_of_the_whole_gap_rivals_each_name(named):
     for finding in found.findings:
         (rival,) = [one for one in finding.runners_up if one.ambiguous]
         assert rival.label.startswith(WITHOUT_A_NAME) and rival.probability == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("p_after", "verdict"), [(1e-3, AMBIGUOUS), (0.5, DESCRIBED)])
+def test_a_likelier_formula_that_leaves_a_lack_of_fit_rivals_the_names(
+    named, monkeypatch, p_after, verdict
+):
+    one = Dependence("X", ("time",), ("t^1",), 50.0, 1e-9, 1.0, ())
+    formula = replace(off(named, 100.0), verdict=DESCRIBED, lack_of_fit_p_after=p_after)
+    monkeypatch.setattr(described, "_is_too_large", lambda _: False)
+    monkeypatch.setattr(described, "_worth_of_names", lambda *_: 10.0)
+    monkeypatch.setattr(described, "Describer", lambda *_: lambda _: Shapes((one,), 30.0))
+    monkeypatch.setattr(described, "_made", lambda *_: formula)
+    problem, noise = SimpleNamespace(gap=np.zeros(3)), SimpleNamespace(freedom=50.0)
+    found = described.described(named, 10.0, problem, None, noise, 0)
+    assert found.verdict == verdict
+    if verdict == AMBIGUOUS:
+        rivals = [other for one in found.findings for other in one.runners_up if other.ambiguous]
+        assert [one.probability for one in rivals] == pytest.approx([0.5, 0.5])

@@ -69,9 +69,12 @@ def described(
         made = _made(diagnosis, alone, problem, (), noise)
         if explained and says_the_same(diagnosis, made):
             return diagnosis
-        if made.lack_of_fit_p_after >= CONSISTENT_LEVEL:
-            clearly = not explained or ahead > np.log(EVIDENCE_RATIO)
-            return made if clearly else or_without_a_name(diagnosis, alone, ahead)
+        closes = made.lack_of_fit_p_after >= CONSISTENT_LEVEL
+        if closes and (not explained or ahead > np.log(EVIDENCE_RATIO)):
+            return made
+        if explained:
+            # A formula that is likelier but not complete leaves doubt about names that are.
+            return or_without_a_name(diagnosis, alone, ahead if closes else min(ahead, 0.0))
     if explained:
         return diagnosis
     names = len(selection.chosen)
