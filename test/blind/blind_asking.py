@@ -118,6 +118,7 @@ def diagnosed(measurement, **further):
         ],
         "description": _description(found.description),
         "amounts": _amounts(found, measurement.volume) if found.verdict == "DESCRIBED" else None,
+        "spanned": _spanned(found) if found.verdict in ("NAMED", "AMBIGUOUS") else None,
         "noise": found.noise,
         "correlation": found.noise_correlation,
         "chi_squared": [found.chi_squared_before, found.chi_squared_after],
@@ -160,6 +161,19 @@ def _amounts(found, volume):
         ).tolist()
         for name, stops in (("at_stops", found.stops), ("in_box", everywhere))
     }
+
+
+def _spanned(found):
+    """All that the named effects can do to the readings, a row for each size.
+
+    None where one of them has its sizes only at random.
+    """
+    if any(one.candidate.effect.typical for one in found.findings):
+        return None
+    acting = [(one.candidate.effect, one.candidate.setting) for one in found.findings]
+    return [
+        row for effect, setting in acting for row in effect.columns(setting, found.stops).T.tolist()
+    ]
 
 
 def no_answer():

@@ -110,11 +110,8 @@ def described_errors(case, sizes, truth, amounts):
         truth: of the seal.
         amounts: what the description says, m: ``at_stops`` and ``in_box``, each (n,).
     """
-    machine = Machine(case.seed, case.plan)
-    machine.approach = np.zeros_like(machine.approach)
-    run = machine.run()
+    run, shown = _shown(case, sizes)
     (hidden,), (size,) = case.hidden, sizes
-    shown = size * machine.signature(run, hidden)
     errors = {"at_stops": _error(run, shown, amounts["at_stops"]), "in_box": None}
     if truth["drivers"]["in_box"]:
         travels = replace(run, position=box_places(case.plan.step, case.plan.blocks, len(run.time)))
@@ -122,6 +119,36 @@ def described_errors(case, sizes, truth, amounts):
         moved = np.sum(action.shift.sum(axis=0) * run.beam, axis=1)
         errors["in_box"] = _error(travels, moved, amounts["in_box"])
     return errors
+
+
+def beyond_names(case, sizes, truth, spanned):
+    """Return what is hidden beyond all that the named effects can do, in standard deviations.
+
+    So many has an observer who knows the exact form of what is hidden, and not only its drivers, to
+    tell it from the names: for odds of 20 to 1 he needs 2.4 of them at least.
+
+    Args:
+        case: the hidden machine.
+        sizes: of what is hidden.
+        truth: of the seal.
+        spanned: what the named effects can do to the readings, m, (k, n).
+    """
+    run, shown = _shown(case, sizes)
+    yardstick = Yardstick(run)
+    names = yardstick.signature(np.array(spanned).T)
+    names = names / np.linalg.norm(names, axis=0)
+    true = yardstick.signature(shown)
+    taken, *_ = np.linalg.lstsq(names, true, rcond=1e-6)
+    return float(np.linalg.norm(true - names @ taken) / truth["noise"])
+
+
+def _shown(case, sizes):
+    """Return the run of a case and what the hidden effect does to its readings."""
+    machine = Machine(case.seed, case.plan)
+    machine.approach = np.zeros_like(machine.approach)
+    run = machine.run()
+    (hidden,), (size,) = case.hidden, sizes
+    return run, size * machine.signature(run, hidden)
 
 
 def _error(run, true, described):

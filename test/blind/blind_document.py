@@ -44,6 +44,9 @@ _WORDS = {
         "same, at once or after the extra plan that was proposed for what stayed open"
     ),
     "outside_in_a_group": "same: AMBIGUOUS, a stated group of names",
+    "outside_beyond_names": (
+        "same: what is hidden beyond all that the names can do, in standard deviations, median"
+    ),
     "outside_unexplained": "same: UNEXPLAINED",
     "outside_wrong_description": "same: DESCRIBED by a wrong driver, or not by all",
     "described_held_out_below": f"its held-out χ² per degree of freedom ≤ {HELD_OUT}",

@@ -78,7 +78,7 @@ def figures(judged):
 
     Args:
         judged: for each run a mapping with ``truth``, ``verdict``, ``outcome``, ``after_plan``,
-            ``held_out`` and ``described_errors``.
+            ``held_out``, ``described_errors`` and ``beyond_names``.
     """
     few = [one for one in judged if not one["truth"]["repeats"]]
     many = [one for one in judged if one["truth"]["repeats"]]
@@ -174,6 +174,7 @@ def _of_outside(outside):
         name: [one["described_errors"][name] for one in described]
         for name in ("in_box", "at_stops")
     }
+    beyond = [one["beyond_names"] for one in lasting if one["beyond_names"] is not None]
     with_rival = ("right", "right, with its rival")
     return {
         "outside_described_rightly": rate(lasting, ("right",)),
@@ -181,6 +182,7 @@ def _of_outside(outside):
         "outside_description_right_whatever_rivals": share(sum(own), len(own)),
         "outside_described_after_plan": share(settled.count("right"), len(settled)),
         "outside_in_a_group": rate(lasting, ("right, in a group",)),
+        "outside_beyond_names": spread(beyond),
         "outside_unexplained": rate(lasting, ("unexplained",)),
         "outside_wrong_description": rate(lasting, ("wrong description",)),
         "passing_unexplained_or_in_time": rate(passing, ("right",)),

@@ -42,7 +42,7 @@ from blind_cases import (
     write_further,
     write_gross,
 )
-from blind_descriptions import described_errors
+from blind_descriptions import beyond_names, described_errors
 from blind_drivers import facts_of
 from blind_judging import after_plan, outcome
 from blind_machine import Machine
@@ -251,10 +251,14 @@ def opened(root, names):
         truth = unseal(root / "seals" / name, laid["seal"])
         verdict = json.loads((root / "verdicts" / f"{name}.json").read_text())
         judged.append(_judged(name, truth, verdict))
-        if truth["class"] == "outside" and verdict["verdict"] == "DESCRIBED":
+        if truth["class"] == "outside":
             case, sizes = pickle.loads((root / "machines" / name).read_bytes())
-            errors = described_errors(case, sizes, truth, verdict["amounts"])
-            judged[-1]["described_errors"] = errors
+            if verdict["verdict"] == "DESCRIBED":
+                errors = described_errors(case, sizes, truth, verdict["amounts"])
+                judged[-1]["described_errors"] = errors
+            elif verdict.get("spanned"):
+                beyond = beyond_names(case, sizes, truth, verdict["spanned"])
+                judged[-1]["beyond_names"] = beyond
         null = root / "null" / f"{name}.json"
         if null.exists():
             nothing = {**truth, "class": "none", "hidden": [], "sizes": [], "expected": []}
@@ -271,4 +275,5 @@ def _judged(name, truth, verdict):
         "after_plan": after_plan(truth, verdict),
         "held_out": verdict.get("held_out"),
         "described_errors": None,
+        "beyond_names": None,
     }

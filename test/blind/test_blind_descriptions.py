@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blind_cases import draw_case
-from blind_descriptions import described_errors
+from blind_descriptions import beyond_names, described_errors
 from blind_drivers import facts_of
 from blind_machine import Machine
 from blind_plans import box_places
@@ -72,3 +72,17 @@ def test_what_is_no_displacement_is_compared_in_the_readings_alone(hidden):
     facts = {**facts, "drivers": {**facts["drivers"], "in_box": False}}
     told = {"at_stops": amounts(case, run), "in_box": np.zeros(len(run.time))}
     assert described_errors(case, (SIZE,), facts, told)["in_box"] is None
+
+
+def test_what_is_hidden_beyond_names_is_what_they_leave_of_it(hidden):
+    """By a name that does half of what is hidden, and one that does something else."""
+    case, _, run, _ = hidden
+    truth = {"noise": 1e-7}
+    true = SIZE * Machine(case.seed, case.plan).signature(run, case.hidden[0])
+    other = np.random.default_rng(1).normal(size=len(true))
+    assert beyond_names(case, (SIZE,), truth, [0.5 * true]) < 1e-6
+    left = beyond_names(case, (SIZE,), truth, [true + 3e-8 * other])
+    assert 1.0 < left < beyond_names(case, (SIZE,), truth, [other])
+    assert left == pytest.approx(
+        2.0 * beyond_names(case, (0.5 * SIZE,), truth, [true + 3e-8 * other])
+    )

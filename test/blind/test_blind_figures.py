@@ -176,6 +176,7 @@ def judged_as(*runs):
             "described_errors": {"in_box": 0.1, "at_stops": 0.05}
             if one["class"] == "outside" and said["verdict"] == "DESCRIBED"
             else None,
+            "beyond_names": 3.0 if said["verdict"] == "AMBIGUOUS" else None,
         }
         for number, (one, said, held_out) in enumerate(runs)
     ]
@@ -199,6 +200,7 @@ def test_the_figures_count_what_they_say():
     assert counted["outside_description_right_whatever_rivals"]["hits"] == 4
     assert counted["outside_wrong_description"]["hits"] == 4
     assert counted["outside_in_a_group"]["hits"] == 1
+    assert counted["outside_beyond_names"]["median"] == 3.0
     assert counted["outside_unexplained"]["hits"] == 1
     assert counted["outside_wrong_lone_name"]["hits"] == 4
     passing = counted["passing_unexplained_or_in_time"]
