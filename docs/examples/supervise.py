@@ -164,7 +164,8 @@ def decision(verdict: RunVerdict) -> Decision:
         return Decision(CALL_SERVICE, f"{error}, and more acts than the errors contain")
     # Beside an effect that was found this is proven only where the uncertainty contains the effect.
     if verdict.conformity == RunVerdict.CONFORMITY_WITHIN:
-        return Decision(GO_ON, "the error is within the tolerance")
+        limit = f"{verdict.tolerance * 1e6:g} µm"
+        return Decision(GO_ON, f"the error is within the solver's tolerance of {limit}")
     if verdict.diagnosis in found:
         return Decision(CALL_SERVICE, f"{error}, and more acts than the errors contain")
     if not_within:

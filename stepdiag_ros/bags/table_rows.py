@@ -57,7 +57,7 @@ _LONGEST_REASON = 600
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"\d{1,9}")
 # What air in a workshop can be, and what a value outside of it is likely to have been meant as.
-_PLAUSIBLE = {
+PLAUSIBLE = {
     "air_temperature_degC": (-50.0, 100.0, "degrees Celsius; is it in kelvin?"),
     "air_pressure_Pa": (20e3, 130e3, "pascal; is it in hPa, mbar or kPa?"),
     "relative_humidity": (0.0, 1.0, "0 to 1; is it in per cent?"),
@@ -358,7 +358,7 @@ class _RowCells:
     def environment(self, column: str) -> float:
         if self.text(column).lower() in ("", "nan"):
             return float("nan")
-        low, high, meaning = _PLAUSIBLE[column]
+        low, high, meaning = PLAUSIBLE[column]
         value = self.number_of(column)
         if not low <= value <= high:
             raise self.wrong(column, meaning, fault="out_of_range")

@@ -190,7 +190,11 @@ class Recorded(NamedTuple):
             yield topics.STOP, stops, f"{stops} stops of lines that it has"
         if self.blocks:
             blocks = self._blocks_missing()
-            yield topics.BLOCK, blocks, f"{blocks} blocks between stops that it has"
+            yield (
+                topics.BLOCK,
+                blocks,
+                f"{blocks} of the block displacements between stops that it has",
+            )
         if self.lines:
             lines = self._lines_missing(stops_of_lines)
             yield topics.LINE, lines, f"{lines} lines whose last stop it has"

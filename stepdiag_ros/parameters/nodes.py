@@ -162,7 +162,7 @@ NODES: tuple[DeclaredNode, ...] = (
                 " result/verdict (ISO 14253-1); 0: none is agreed",
                 "m",
                 0.0,
-                0.1,
+                5e-3,
                 change=Changeable.ANY_TIME,
                 example=10e-6,
             ),

@@ -15,6 +15,7 @@ from stepdiag_ros.bags.imports.axis_test import OVERRUN_UNDETERMINED, AxisRow, a
 from stepdiag_ros.bags.imports.imported import Imported, ImportOptions
 from stepdiag_ros.bags.imports.made import overrun_passed_over
 from stepdiag_ros.bags.imports.mapping import (
+    AIR_UNITS,
     AXIS,
     DELIMITERS,
     LINES,
@@ -26,6 +27,7 @@ from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import (
     ENVIRONMENT_COLUMNS,
+    PLAUSIBLE,
     PassColumns,
     PassKey,
     TableRow,
@@ -34,7 +36,7 @@ from stepdiag_ros.bags.table_rows import (
 from stepdiag_ros.configuration import find, plan_from_text, read_text
 from stepdiag_ros.metrology.geometry import Vector, beam_direction, line_signs, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.metrology.plan import FORWARD, LINE_NAMES, LINEAR, Line, Volume, kind_of
+from stepdiag_ros.metrology.plan import DIAGONAL, FORWARD, LINE_NAMES, LINEAR, Line, Volume, kind_of
 from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.text.intake import parse_yaml
@@ -301,7 +303,20 @@ class _Numbers:
         what = f"'{self._mapping.columns[name]}'"
         if not text:
             return float("nan")
-        return number_in(text, self._source, cells.row, what, self._mapping.decimal, _DECIMAL)
+        scale, added = self._mapping.air_units[name]
+        told = number_in(text, self._source, cells.row, what, self._mapping.decimal, _DECIMAL)
+        value = scale * told + added
+        low, high, expected = PLAUSIBLE[name]
+        if not low <= value <= high:
+            units = ", ".join(AIR_UNITS[name])
+            raise refusal(
+                self._source,
+                cells.row,
+                f"{what} is {text}; expected {expected} State the unit under 'units' of the"
+                f" mapping, as '{name}: UNIT' with one of {units}",
+                fault="out_of_range",
+            )
+        return value
 
     def told(self, cells: _Cells) -> PassColumns:
         """Return what columns state about the whole pass."""
@@ -333,7 +348,8 @@ class _Numbers:
             raise refusal(
                 self._source,
                 cells.row,
-                f"the direction is '{word}'; the mapping knows {known}",
+                f"the direction is '{word}'; the mapping knows {known}. State what it means under"
+                f" 'directions' of the mapping, as 'forward: \"{word}\"'",
                 fault="unknown",
             )
         return found
@@ -428,6 +444,16 @@ def _taken_at_the_corner(stops: Sequence[TableRow], mapping: TableMapping) -> tu
     )
 
 
+def _without_order(which: PassKey) -> str:
+    """Say what makes a step diagonal of a diagonal that was read as one move from end to end."""
+    if which.kind != DIAGONAL:
+        return ""
+    return (
+        ". Without 'order' a diagonal has a stop after each block; a step diagonal has one after"
+        " each move, and needs 'order', such as 'order: XYZ', in the mapping"
+    )
+
+
 def _stops(
     source: str, rows: Sequence[_Cells], mapping: TableMapping, volume: Volume
 ) -> Iterator[TableRow]:
@@ -453,7 +479,7 @@ def _stops(
                 source,
                 cells.row,
                 f"'{which}' has no stop {stop}: it has {len(positions)} in the volume of the"
-                " mapping, counted from 0",
+                f" mapping, counted from 0{_without_order(which)}",
                 fault="out_of_range",
             )
         time = numbers.time(cells)

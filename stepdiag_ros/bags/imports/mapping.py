@@ -19,6 +19,21 @@ TABLES = (AXIS, LINES, READINGS)
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 25.4e-3}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
+_TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
+AIR_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "air_temperature_degC": _TEMPERATURES,
+    "air_pressure_Pa": {
+        "Pa": (1.0, 0.0),
+        "hPa": (100.0, 0.0),
+        "mbar": (100.0, 0.0),
+        "kPa": (1000.0, 0.0),
+        "mmHg": (133.322387415, 0.0),
+    },
+    "relative_humidity": {"ratio": (1.0, 0.0), "percent": (0.01, 0.0)},
+    "material_temperature_degC": _TEMPERATURES,
+}
+"""Column → unit → factor and what is added, to the unit of the run table; its first unit if none is
+stated."""
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "spaces": " "}
 """Name in a mapping file → the sign between two cells."""
 
@@ -84,6 +99,7 @@ class TableMapping:
         runs: columns that hold a whole run each.
         ignored: names of columns that nothing is taken from.
         units: meaning → factor to SI.
+        air_units: column of air or material → its entry of ``AIR_UNITS``.
         sign: 1, or -1 where the file's sign of readings or deviations is the other way round.
         words: word of the file, in small letters → direction.
         axis: X, Y or Z; empty if the user has to say it.
@@ -116,6 +132,7 @@ class TableMapping:
     runs: tuple[RunColumn, ...] = ()
     ignored: tuple[str, ...] = ()
     units: Mapping[str, float] = field(default_factory=dict)
+    air_units: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     sign: float = 1.0
     words: Mapping[str, str] = field(default_factory=dict)
     axis: str = ""
@@ -180,7 +197,7 @@ def mapping_of(parsed: Any, source: str, text: str) -> TableMapping:
         columns=columns,
         runs=runs,
         ignored=top.texts("ignored", default=()),
-        units=_units(top, columns, runs),
+        **_units(top, columns, runs),
         sign=float(top.integer("sign", low=-1, high=1, default=1)),
         words=_words(top),
         chain="".join(top.names("chain", AXES, default=AXES)) if _has(top, "chain") else "",
@@ -238,18 +255,27 @@ def _runs(top: Section) -> tuple[RunColumn, ...]:
     return tuple(made)
 
 
-def _units(
-    top: Section, columns: Mapping[str, str], runs: tuple[RunColumn, ...]
-) -> dict[str, float]:
+def _units(top: Section, columns: Mapping[str, str], runs: tuple[RunColumn, ...]) -> dict[str, Any]:
     section = top.section("units")
-    made = {}
     needed = [name for name in columns if name in _UNITS]
     if runs:
         needed.append("deviation")
-    for name in needed:
-        made[name] = _UNITS[name][section.names(name, tuple(_UNITS[name]))[0]]
+    for name in section.keys():  # noqa: SIM118
+        if name in {*_UNITS, *AIR_UNITS} - {*needed, *columns}:
+            raise Refusal(
+                f"{section.source}: '{name}' has a unit, but no column. State the column under"
+                " 'columns'",
+                fault="missing",
+                about=name,
+            )
+    units = {name: _UNITS[name][section.names(name, tuple(_UNITS[name]))[0]] for name in needed}
+    air = {
+        name: known[section.names(name, tuple(known), default=next(iter(known)))[0]]
+        for name, known in AIR_UNITS.items()
+        if name in columns
+    }
     section.finish()
-    return made
+    return {"units": units, "air_units": air}
 
 
 def _words(top: Section) -> dict[str, str]:

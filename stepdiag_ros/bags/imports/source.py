@@ -25,8 +25,8 @@ _CONTAINERS = {
     b"PK\x03\x04": "a zip archive",
     b"\xd0\xcf\x11\xe0": "a document of an old office program",
     b"SQLite format 3": "a database",
-    b"\x89MCAP": "a bag",
 }
+_BAG = b"\x89MCAP"
 _FALLBACK = "cp1252"
 
 
@@ -75,6 +75,13 @@ class SourceFile:
                     fault="wrong_kind",
                     aspect="layout",
                 )
+        if self.data.startswith(_BAG):
+            raise TableError(
+                f"{self.name} is a bag already, with nothing to import. Give it to 'stepdiag"
+                " solve', 'stepdiag diagnose' or 'stepdiag report'",
+                fault="wrong_kind",
+                aspect="layout",
+            )
         remarks: tuple[str, ...] = ()
         if encoding:
             found = self._decoded(encoding)

@@ -36,6 +36,7 @@ from stepdiag_ros.metrology.units import IN_MICRO
 
 REFERENCE_AIR = (20.0, 101325.0, 0.5)
 """degC, Pa, 0..1: where the derivatives of the index are taken if the air was not recorded."""
+_AIR = ("air temperature", "air pressure", "humidity")
 CO2_EFFECT = 1.44e-4
 """Change of n with the mole fraction of CO2: (n - 1)·0.534 (Ciddor 1996, eq. 2)."""
 
@@ -116,12 +117,20 @@ def _resolution(seen: Observations, stated: Spread) -> Source:
     return replace(shown, correlation=PER_PLACE, member=place)
 
 
+def _not_recorded(air: Vector) -> str:
+    """Return which quantities of the air, (n, 3), lack values, in words; empty if none does."""
+    lacks = ~np.all(np.isfinite(air), axis=0)
+    names = [name for name, here in zip(_AIR, lacks, strict=True) if here]
+    return ", ".join(names)
+
+
 def air_sources(readings: Readings, instrument: Instrument) -> list[Source]:
     """Return the sources of the compensation for the air, dead path included."""
     seen = readings.observations
     recorded = bool(np.all(np.isfinite(readings.air)))
     air = np.where(np.isfinite(readings.air), readings.air, REFERENCE_AIR)
-    note = "" if recorded else "the air was not recorded: effect taken at 20 degC, 1013.25 hPa"
+    lacking = _not_recorded(readings.air)
+    note = f"{lacking} not recorded: there 20 degC, 1013.25 hPa or 50 % is taken" if lacking else ""
     zero = first_of_setup(seen)
     path = instrument.dead_path
     # Where the dead path is not known, its share in a sensor's common error is left out: it acts
@@ -179,7 +188,7 @@ def air_sources(readings: Readings, instrument: Instrument) -> list[Source]:
             "m",
             [-change],
             seen.setup,
-            "" if recorded else "the air was not recorded, so its change is not known",
+            f"{lacking} not recorded, so the change of the air is not known" if lacking else "",
         ),
     ]
 

@@ -101,6 +101,56 @@ def test_stops_are_counted_where_no_column_does(tmp_path):
         assert one.displacement.tolist() == other.displacement.tolist()
 
 
+def with_air(tmp_path, pressure, unit=None):
+    """Return a step diagonal's table with a column of air pressure, and its mapping."""
+    rows = DIAGONALS.read_text().splitlines()
+    head = next(place for place, row in enumerate(rows) if row.startswith("Diagonal"))
+    end = rows.index("END")
+    rows[head] += " Pressure"
+    rows[head + 1 : end] = [f"{row} {pressure}" for row in rows[head + 1 : end]]
+    table = tmp_path / "air.txt"
+    table.write_text("\n".join(rows))
+
+    def change(made):
+        made["columns"]["air_pressure_Pa"] = "Pressure"
+        made["units"] |= {"air_pressure_Pa": unit} if unit else {}
+
+    return table, by(written(tmp_path, "step_diagonal_stops", change))
+
+
+@pytest.mark.parametrize(
+    ("pressure", "unit", "pascal"),
+    [(101250, None, 101250.0), (1012.5, "hPa", 101250.0), (760, "mmHg", 101325.0)],
+)
+def test_the_pressure_of_a_column_has_its_unit(tmp_path, pressure, unit, pascal):
+    _, made = read_file(*with_air(tmp_path, pressure, unit))
+    for line in made.lines:
+        assert line.environment[:, 1] == pytest.approx(pascal, rel=1e-6)
+
+
+def test_a_pressure_that_no_air_has_is_refused_with_the_key_of_its_unit(tmp_path):
+    with refused(TableError, "out_of_range", "Pressure", "1012.5", "air_pressure_Pa", "hPa"):
+        read_file(*with_air(tmp_path, 1012.5))
+
+
+def test_a_unit_without_a_column_is_refused(tmp_path):
+    name = written(tmp_path, "step_diagonal_stops", lambda made: made["columns"].pop("reading"))
+    with refused(ValueError, "missing", "reading", about="reading"):
+        read_file(DIAGONALS, by(name))
+
+
+def test_stops_of_a_step_diagonal_without_order_are_refused_with_that_key(tmp_path):
+    name = written(tmp_path, "step_diagonal_stops", lambda made: made.pop("order"))
+    with refused(TableError, "out_of_range", "order: XYZ"):
+        read_file(DIAGONALS, by(name))
+
+
+def test_a_bag_is_not_imported_again(tmp_path):
+    import_file(DIAGONALS, tmp_path / "d.mcap", by("step_diagonal_stops"))
+    with refused(TableError, "wrong_kind", "d.mcap", aspect="layout"):
+        import_file(tmp_path / "d.mcap", tmp_path / "again.mcap", by("step_diagonal_stops"))
+
+
 def test_a_stream_of_readings_goes_in_with_its_plan(tmp_path):
     plan = read_text(find("quick", "plans"))
     import_file(STREAM, tmp_path / "s.mcap", by("readings_in_time", plan=plan))
