@@ -19,6 +19,8 @@ from stepdiag_ros.metrology.geometry import Vector
 
 _AS_WELL = 0.01
 """Chance by noise alone of such sizes on the other axes, below which these act as well."""
+_SAME = 1e-9
+"""Share of the largest variance below which a combination of sizes has none."""
 ONE_OF_AXES = frozenset({"axis"})
 """Keys of the setting of an effect that acts on one axis and may act on each."""
 
@@ -73,5 +75,8 @@ def _chance(sizes: Sizes, some: Sequence[int], freedom: float) -> float:
     covariance = sizes.in_order(some)
     if not np.all(np.isfinite(covariance)):
         return 1.0
-    squares = values @ np.linalg.solve(covariance, values)
-    return float(tail(np.asarray(squares), len(values), freedom))
+    # An effect of somebody else may do the same on several axes: singular.
+    variances, ways = np.linalg.eigh(covariance)
+    seen = variances > _SAME * variances[-1]
+    squares = np.sum((ways.T @ values)[seen] ** 2 / variances[seen])
+    return float(tail(np.asarray(squares), int(np.count_nonzero(seen)), freedom))
