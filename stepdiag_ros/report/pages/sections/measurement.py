@@ -64,6 +64,16 @@ def begun_and_ended(recorded: RecordedRun) -> tuple[datetime | None, datetime | 
     return _date(recorded.start_time), _date(end)
 
 
+def _duration(recorded: RecordedRun) -> float:
+    """Return how long a run took, s; of one without a date, from first to last stop."""
+    begin, end = begun_and_ended(recorded)
+    if begin is not None and end is not None:
+        return (end - begin).total_seconds()
+    times = np.concatenate([line.time for line in recorded.measurement.lines] or [[]])
+    known = times[np.isfinite(times)]
+    return float(np.ptp(known)) if len(known) else math.nan
+
+
 def parameters(material: Material, node: str) -> Mapping[str, Any]:
     """Return the parameters of a node in the run; empty where the bag does not tell them."""
     text = "" if material.header is None else material.header.parameters
@@ -107,10 +117,9 @@ def _controller(material: Material) -> str:
 def _run_facts(material: Material) -> list[Fact]:
     given, report, recorded = material.given, material.report, material.recorded
     begin, end = begun_and_ended(recorded)
-    duration = ""
-    if begin is not None and end is not None:
-        duration = f"{(end - begin).total_seconds() / 60.0:.0f} min"
-        duration += " (simulated clock)" if report.simulated else ""
+    seconds = _duration(recorded)
+    duration = f"{seconds / 60.0:.0f} min" if math.isfinite(seconds) else ""
+    duration += " (simulated clock)" * bool(duration and report.simulated)
     simulated = "a simulated machine" if report.simulated else ""
     facts = [
         ("Customer", given.customer or UNKNOWN),
