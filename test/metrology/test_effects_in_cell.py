@@ -79,7 +79,7 @@ def _weather():
         air_temperature_drift=1e-4,
         air_pressure_drift=0.01,
         relative_humidity=0.3,
-        material_temperature_drift=1e-4,
+        material_temperature_drift=5e-5,
     )
 
 
