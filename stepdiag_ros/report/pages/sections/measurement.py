@@ -69,7 +69,7 @@ def _duration(recorded: RecordedRun) -> float:
     begin, end = begun_and_ended(recorded)
     if begin is not None and end is not None:
         return (end - begin).total_seconds()
-    times = np.concatenate([line.time for line in recorded.measurement.lines] or [[]])
+    times = np.concatenate([np.empty(0), *(line.time for line in recorded.measurement.lines)])
     known = times[np.isfinite(times)]
     return float(np.ptp(known)) if len(known) else math.nan
 
