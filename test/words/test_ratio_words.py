@@ -7,7 +7,14 @@ from stepdiag_ros.words.changes import ratio
 
 @pytest.mark.parametrize(
     ("factor", "words"),
-    [(0.5, "0.50"), (1.04, "1.04"), (2.94, "2.9"), (99.96, "100.0"), (104.04, "104")],
+    [
+        (0.5, "0.50"),
+        (1.04, "1.04"),
+        (1.06, "1.1"),
+        (2.94, "2.9"),
+        (99.96, "100.0"),
+        (104.04, "104"),
+    ],
 )
 def test_a_factor_has_two_decimals_near_one_and_none_from_a_hundred_on(factor, words):
     assert ratio(factor) == words
