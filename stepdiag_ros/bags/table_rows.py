@@ -57,12 +57,18 @@ _LONGEST_REASON = 600
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"\d{1,9}")
 # What air in a workshop can be, and what a value outside of it is likely to have been meant as.
-PLAUSIBLE = {
+_PLAUSIBLE = {
     "air_temperature_degC": (-50.0, 100.0, "degrees Celsius; is it in kelvin?"),
     "air_pressure_Pa": (20e3, 130e3, "pascal; is it in hPa, mbar or kPa?"),
     "relative_humidity": (0.0, 1.0, "0 to 1; is it in per cent?"),
     "material_temperature_degC": (-50.0, 100.0, "degrees Celsius; is it in kelvin?"),
 }
+
+
+def implausible(column: str, value: float) -> str:
+    """Return what a column of air or material should hold; empty if the value can be that."""
+    low, high, expected = _PLAUSIBLE[column]
+    return "" if low <= value <= high else expected
 
 
 class PassKey(NamedTuple):
@@ -358,10 +364,9 @@ class _RowCells:
     def environment(self, column: str) -> float:
         if self.text(column).lower() in ("", "nan"):
             return float("nan")
-        low, high, meaning = PLAUSIBLE[column]
         value = self.number_of(column)
-        if not low <= value <= high:
-            raise self.wrong(column, meaning, fault="out_of_range")
+        if expected := implausible(column, value):
+            raise self.wrong(column, expected, fault="out_of_range")
         return value
 
 

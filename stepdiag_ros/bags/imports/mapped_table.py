@@ -27,10 +27,10 @@ from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import (
     ENVIRONMENT_COLUMNS,
-    PLAUSIBLE,
     PassColumns,
     PassKey,
     TableRow,
+    implausible,
     refusal,
 )
 from stepdiag_ros.configuration import find, plan_from_text, read_text
@@ -306,8 +306,7 @@ class _Numbers:
         scale, added = self._mapping.air_units[name]
         told = number_in(text, self._source, cells.row, what, self._mapping.decimal, _DECIMAL)
         value = scale * told + added
-        low, high, expected = PLAUSIBLE[name]
-        if not low <= value <= high:
+        if expected := implausible(name, value):
             units = ", ".join(AIR_UNITS[name])
             raise refusal(
                 self._source,

@@ -21,12 +21,17 @@ _WHOLE = re.compile(r"\d{1,9}")
 _MEDIA_TYPES = {".csv": "text/csv", ".txt": "text/plain", ".rtl": "text/plain"}
 _UNKNOWN_MEDIA_TYPE = "application/octet-stream"
 # How a file begins that is not text, and what it is then.
+_EXPORT = (
+    "no text; its layout is not public: export the test as text (.rtl or CSV) from the program that"
+    " made it"
+)
 _CONTAINERS = {
-    b"PK\x03\x04": "a zip archive",
-    b"\xd0\xcf\x11\xe0": "a document of an old office program",
-    b"SQLite format 3": "a database",
+    b"PK\x03\x04": f"a zip archive, {_EXPORT}",
+    b"\xd0\xcf\x11\xe0": f"a document of an old office program, {_EXPORT}",
+    b"SQLite format 3": f"a database, {_EXPORT}",
+    b"\x89MCAP": "a bag already, with nothing to import. Give it to 'stepdiag solve', 'stepdiag"
+    " diagnose' or 'stepdiag report'",
 }
-_BAG = b"\x89MCAP"
 _FALLBACK = "cp1252"
 
 
@@ -69,19 +74,7 @@ class SourceFile:
         """
         for beginning, what in _CONTAINERS.items():
             if self.data.startswith(beginning):
-                raise TableError(
-                    f"{self.name} is {what}, no text; its layout is not public: export the test as"
-                    " text (.rtl or CSV) from the program that made it",
-                    fault="wrong_kind",
-                    aspect="layout",
-                )
-        if self.data.startswith(_BAG):
-            raise TableError(
-                f"{self.name} is a bag already, with nothing to import. Give it to 'stepdiag"
-                " solve', 'stepdiag diagnose' or 'stepdiag report'",
-                fault="wrong_kind",
-                aspect="layout",
-            )
+                raise TableError(f"{self.name} is {what}", fault="wrong_kind", aspect="layout")
         remarks: tuple[str, ...] = ()
         if encoding:
             found = self._decoded(encoding)

@@ -127,7 +127,6 @@ def _not_recorded(air: Vector) -> str:
 def air_sources(readings: Readings, instrument: Instrument) -> list[Source]:
     """Return the sources of the compensation for the air, dead path included."""
     seen = readings.observations
-    recorded = bool(np.all(np.isfinite(readings.air)))
     air = np.where(np.isfinite(readings.air), readings.air, REFERENCE_AIR)
     lacking = _not_recorded(readings.air)
     note = f"{lacking} not recorded: there 20 degC, 1013.25 hPa or 50 % is taken" if lacking else ""
@@ -153,7 +152,7 @@ def air_sources(readings: Readings, instrument: Instrument) -> list[Source]:
     )
     scale = -seen.displacement
     index = refractive_index(air[:, 0], air[:, 1], air[:, 2])
-    change = index - index[zero] if recorded else np.full(len(index), _UNKNOWN)
+    change = index - index[zero] if not lacking else np.full(len(index), _UNKNOWN)
     return [
         common(
             "air temperature", AIR, instrument.air_temperature, "K", slope(by_temperature), note
