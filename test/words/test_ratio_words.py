@@ -14,6 +14,7 @@ from stepdiag_ros.words.changes import ratio
         (2.94, "2.9"),
         (99.96, "100.0"),
         (104.04, "104"),
+        (1000.0, "1000"),
     ],
 )
 def test_a_factor_has_two_decimals_near_one_and_none_from_a_hundred_on(factor, words):
