@@ -87,11 +87,12 @@ def pytest_configure(config):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config):
-    """Run two processes more than there are processors: quick live tests wait most of their time.
+    """Run one process more than there are processors: quick live tests wait most of their time.
 
-    The slow ones work most of theirs.
+    The slow ones work most of theirs. With two more, the same tests take a quarter more processor
+    time, since each finds its memory in no cache.
     """
-    spare = 0 if config.option.markexpr == "slow" else 2
+    spare = 0 if config.option.markexpr == "slow" else 1
     return len(os.sched_getaffinity(0)) + spare
 
 

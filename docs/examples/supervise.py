@@ -52,7 +52,9 @@ class Supervisor(Node):
         super().__init__("supervisor")
         self.verdict = RunVerdict()
         self.halt = threading.Event()
+        self.run_id = ""
         self._asked = (0, 0)
+        self._line = ""
         self._found = False
         self._heard = time.monotonic()
         self.action = ActionClient(self, Measure, "sequencer/measure")
@@ -127,6 +129,12 @@ class Supervisor(Node):
 
     def _on_feedback(self, message: Measure.Impl.FeedbackMessage) -> None:
         run = message.feedback
+        self.run_id = run.run_id
+        if run.line and run.line != self._line:
+            self._line = run.line
+            print(
+                f"{run.line} begins, {run.stops_done} of {run.stops_total} stops done", flush=True
+            )
         name = {RunState.STATE_WAITING_FOR_SETUP: "resume", RunState.STATE_FAULT: "abort"}
         if run.state in name and self._asked != (run.state, run.line_index):
             self._asked = run.state, run.line_index
@@ -188,7 +196,11 @@ def main() -> int:
     try:
         result = supervisor.measure(arguments[0])
     except (TimeoutError, Halted) as error:
-        sys.exit(str(error))
+        run = supervisor.run_id
+        where = (
+            f"; run {run}: its bag begins with this name, where the recorder runs" if run else ""
+        )
+        sys.exit(f"{error}{where}")
     if result.outcome == Measure.Result.OUTCOME_REFUSED:
         sys.exit(result.text)
     verdict = supervisor.verdict

@@ -316,7 +316,7 @@ def _position_reason(row: TableRow, line: Line, nominal: Vector, volume: Volume)
         away = volume.nodes(axis)
         nearest = float(away[np.argmin(np.abs(away - value))])
         if nominal[axis] and abs(value / nominal[axis] - 1000.0) < 1.0:
-            return f"{place}; positions are in metres, this looks like millimetres", "unit"
+            return f"{place}, a thousandth of that: check the unit of the positions", "unit"
         if abs(value - nearest) > POSITION_TOLERANCE:
             return f"{place}; it is off the grid, whose nearest node is {nearest:g} m", "grid"
         return f"{place}; the position does not follow the line's name and order", "order"
@@ -369,6 +369,7 @@ def _reading_reason(line: Line, row: TableRow, nominal: float, reading: float) -
     ratio = reading / nominal if nominal else 0.0
     if abs(ratio + 1.0) < 0.05:
         return f"{place}; its sign is wrong, a reading grows along the beam", "sign"
-    if 900.0 < abs(ratio) < 1100.0:
-        return f"{place}; readings are in metres, this looks like millimetres", "unit"
+    for factor, size in ((1000.0, "1000 times too large"), (0.001, "1000 times too small")):
+        if abs(abs(ratio) / factor - 1.0) < 0.1:
+            return f"{place}; it is {size}: check the unit of the readings", "unit"
     return place, ""

@@ -308,11 +308,11 @@ def test_an_axis_that_should_stand_still(rows, tmp_path):
     )
 
 
-def in_millimetres(rows, *columns):
+def in_millimetres(rows, *columns, factor=1000.0):
     for cells in rows[1:]:
         for column in columns:
             place = COLUMNS.index(column)
-            cells[place] = repr(float(cells[place]) * 1000.0)
+            cells[place] = repr(float(cells[place]) * factor)
 
 
 def test_everything_in_millimetres(rows, tmp_path):
@@ -325,8 +325,9 @@ def test_positions_in_millimetres_beside_a_case_file(rows, tmp_path):
     is_refused(rows, tmp_path, 3, "mismatch", "X", "10", aspect="unit", case=CASE)
 
 
-def test_readings_in_millimetres(rows, tmp_path):
-    in_millimetres(rows, "reading_m")
+@pytest.mark.parametrize("factor", [1000.0, 0.001])
+def test_readings_in_another_unit(rows, tmp_path, factor):
+    in_millimetres(rows, "reading_m", factor=factor)
     is_refused(rows, tmp_path, 3, "out_of_range", aspect="unit")
 
 

@@ -12,11 +12,15 @@ NOISE = 0.1e-6
 BOTH = ("forward", "backward")
 
 
-def hidden_run(*effects, seed=5, machine=None, shape=None, plan=None, **changed):
-    """Return a simulated run with hidden effects, and perhaps a shape that has no name."""
+def hidden_run(*effects, seed=5, machine=None, shape=None, plan=None, weather=None, **changed):
+    """Return a simulated run with hidden effects, and perhaps a shape that has no name.
+
+    ``weather`` has the keys of a cell file; without it air and material stay as they are.
+    """
     usual = {"blocks": 7, "repeats": 2, "directions": BOTH, "orders": ("XYZ", "YZX")}
     plan = plan or make_plan(**{**usual, **changed})
-    run = simulate(plan, make_cell(seed=machine or seed, noise=NOISE), seed)
+    cell = make_cell(seed=machine or seed, noise=NOISE, weather=weather or {})
+    run = simulate(plan, cell, seed)
     stops = stops_of(run)
     added = sum((effect.readings(stops) for effect in effects), np.zeros(len(stops.time)))
     if shape is not None:

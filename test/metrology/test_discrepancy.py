@@ -23,6 +23,7 @@ from stepdiag_ros.metrology.discrepancy import (
 from stepdiag_ros.metrology.effects.backlash import EFFECT as BACKLASH
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Key, Size
 from stepdiag_ros.metrology.effects.stops import stops_of
+from stepdiag_ros.metrology.effects.thermal_growth import EFFECT as GROWTH
 from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.simulation import simulate
 
@@ -132,6 +133,15 @@ def test_an_effect_from_outside_the_package_is_named():
     low, high = finding.band["rate"]
     assert low < 2.0e-6 < high
     assert any("Y" in sentence or "time" in sentence for sentence in diagnosis.where)
+
+
+def test_an_effect_of_temperature_is_named_in_a_run_whose_temperature_changes():
+    grows = ActiveEffect(GROWTH, {"axis": "Y"}, {"per_K": 20e-6})
+    waves = {"material_temperature_wave_K": 2.0, "wave_period_s": 300.0}
+    (finding,) = diagnose(hidden_run(grows, weather=waves)).findings
+    assert finding.label == GROWTH.label(grows.setting)
+    low, high = finding.band["per_K"]
+    assert low < grows.sizes["per_K"] < high
 
 
 def test_two_effects_are_found_and_fitted_together():
