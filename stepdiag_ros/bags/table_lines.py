@@ -316,7 +316,7 @@ def _position_reason(row: TableRow, line: Line, nominal: Vector, volume: Volume)
         away = volume.nodes(axis)
         nearest = float(away[np.argmin(np.abs(away - value))])
         if nominal[axis] and abs(value / nominal[axis] - 1000.0) < 1.0:
-            return f"{place}, a thousandth of that: check the unit of the positions", "unit"
+            return f"{place}; it is 1000 times too large: check the unit of the positions", "unit"
         if abs(value - nearest) > POSITION_TOLERANCE:
             return f"{place}; it is off the grid, whose nearest node is {nearest:g} m", "grid"
         return f"{place}; the position does not follow the line's name and order", "order"

@@ -149,9 +149,18 @@ def signatures(
                     if unknown.shape[1]:
                         free[candidate.label] = problem.projected(problem.of(unknown))
         if not tried:
-            needs = f" ({', '.join(effect.needs)})" if effect.needs else ""
-            hidden[effect.name] = f"this run lacks what would show it{needs}"
+            hidden[effect.name] = _why_not_tried(effect, stops)
     return _left_by_baseline(candidates, changes, free, problem, hidden)
+
+
+def _why_not_tried(effect: Effect, stops: Stops) -> str:
+    """Say why an effect has no setting in a run."""
+    missing = [name for name in effect.needs if not np.any(np.isfinite(getattr(stops, name)))]
+    if effect.needs and not missing:
+        recorded = " and ".join(effect.needs).replace("_", " ")
+        return f"it changes nothing at the recorded {recorded}"
+    needs = f" ({', '.join(missing)})" if missing else ""
+    return f"this run lacks what would show it{needs}"
 
 
 def _label(effect: Effect, setting: Setting) -> str:

@@ -191,7 +191,9 @@ class Material:
         """Return what the sensors told, in order of time."""
         values = tuple(self.recorded.weather())
         if not values:
-            self._missing["weather"] = "No weather sensor was recorded."
+            stated = any(np.isfinite(one.environment).any() for one in self.measurement.lines)
+            air = " Temperatures and air are as stated with the readings." if stated else ""
+            self._missing["weather"] = f"No weather sensor was recorded.{air}"
         return values
 
     @cached_property
