@@ -4,13 +4,16 @@
     python3 supervise.py quick                                # a plan that the sequencer knows
     python3 supervise.py quick --ros-args -r __ns:=/cell      # of the nodes in the namespace /cell
 
-The exit code is 0 if all lines were measured and the machine may go on, 1 otherwise. The machine
-may go on only where the solver has a tolerance (its parameter) and the plan can test the model.
+The exit code is 0 if all lines were measured and the machine may go on, 1 if service is to be
+called, 2 if the machine is to be compensated and measured again, and 3 if there is no result: the
+goal was refused or cancelled, or the sequencer is gone. The machine may go on only where the solver
+has a tolerance (its parameter) and the plan can test the model; 'quick' cannot.
 Ctrl-C and SIGTERM cancel the run: the machine stops. Nothing does so if this program is killed.
 It runs with and without ROS 2. It resumes after each setup at once, as a simulated
 cell may: on a real machine, "resume" means that somebody has aligned laser and mirror.
 """
 
+import os
 import signal
 import sys
 import threading
@@ -38,6 +41,8 @@ SILENCE_LIMIT = 2.0
 """Seconds without run/state, which comes twice a second, after which the sequencer is gone."""
 VERDICT_LIMIT = 5.0
 """Seconds after the result of the action in which the verdict on the whole run comes."""
+CANCEL_LIMIT = 0.5
+"""Seconds for which a silent sequencer is asked to cancel the run."""
 LATCHED = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -56,6 +61,7 @@ class Supervisor(Node):
         self._asked = (0, 0)
         self._line = ""
         self._found = False
+        self._text = ""
         self._heard = time.monotonic()
         self.action = ActionClient(self, Measure, "sequencer/measure")
         self._triggers = {
@@ -74,8 +80,11 @@ class Supervisor(Node):
         sent = self.send(plan)
         try:
             result = self._wait(self._wait(sent).get_result_async()).result
-        except (TimeoutError, Halted):
-            self.cancel(sent)
+        except Halted:
+            self.cancel(sent, VERDICT_LIMIT)
+            raise
+        except TimeoutError:
+            self.cancel(sent, CANCEL_LIMIT)
             raise
         until = time.monotonic() + VERDICT_LIMIT
         while result.run_id and not self.decided(result.run_id) and time.monotonic() < until:
@@ -86,12 +95,12 @@ class Supervisor(Node):
         """Return the future goal of a run of this plan, which is resumed after each setup."""
         return self.action.send_goal_async(Measure.Goal(plan=plan), self._on_feedback)
 
-    def cancel(self, sent: Future) -> None:
+    def cancel(self, sent: Future, limit: float) -> None:
         """Cancel the run of this future goal: the machine stops."""
-        rclpy.spin_until_future_complete(self, sent, timeout_sec=VERDICT_LIMIT)
+        rclpy.spin_until_future_complete(self, sent, timeout_sec=limit)
         if sent.done():
             stopping = sent.result().cancel_goal_async()
-            rclpy.spin_until_future_complete(self, stopping, timeout_sec=VERDICT_LIMIT)
+            rclpy.spin_until_future_complete(self, stopping, timeout_sec=limit)
 
     def check(self) -> None:
         """Raise TimeoutError if there is no sequencer, which then never sends the result."""
@@ -99,13 +108,16 @@ class Supervisor(Node):
         if time.monotonic() - self._heard <= limit:
             return
         if self._found:
-            raise TimeoutError("the sequencer is silent: treat the measurement as a fault")
+            raise TimeoutError(
+                "the sequencer is silent: treat the measurement as a fault, and see why in the"
+                f" terminal of the nodes. It last reported: {self._text}"
+            )
         nodes = self.get_node_names_and_namespaces()
         elsewhere = sorted({space for name, space in nodes if name == "sequencer"})
         found = f"; there is one in {', '.join(elsewhere)}" if elsewhere else ""
         raise TimeoutError(
-            f"no sequencer found in the namespace {self.get_namespace()} within {limit:g} s{found}:"
-            " check ROS_DOMAIN_ID and the namespace"
+            f"no sequencer found in the namespace {self.get_namespace()} of the ROS domain"
+            f" {os.environ.get('ROS_DOMAIN_ID', '0')} within {limit:g} s{found}: check both"
         )
 
     def decided(self, run_id: str) -> bool:
@@ -123,8 +135,9 @@ class Supervisor(Node):
             raise Halted("the run is cancelled: the machine stops")
         self.check()
 
-    def _on_state(self, _: RunState) -> None:
+    def _on_state(self, state: RunState) -> None:
         self._found = True
+        self._text = state.text
         self._heard = time.monotonic()
 
     def _on_feedback(self, message: Measure.Impl.FeedbackMessage) -> None:
@@ -148,6 +161,12 @@ class Supervisor(Node):
 GO_ON = "go on"
 COMPENSATE = "compensate, and measure again"
 CALL_SERVICE = "call service"
+EXIT_CODES = {GO_ON: 0, CALL_SERVICE: 1, COMPENSATE: 2}
+NO_RESULT = 3
+RECOVER = (
+    "its bag begins with this name, in the folder of the recorder. When the recorder has closed it,"
+    " 'stepdiag info' says whether it is whole; if not, 'stepdiag recover' saves what it holds"
+)
 
 
 class Decision(NamedTuple):
@@ -166,7 +185,9 @@ def decision(verdict: RunVerdict) -> Decision:
     not_within = verdict.conformity == RunVerdict.CONFORMITY_NOT_WITHIN
     error = "the error is beyond the tolerance" if not_within else "the error may be larger"
     if verdict.diagnosis in (RunVerdict.DIAGNOSIS_UNKNOWN, RunVerdict.DIAGNOSIS_NOT_TESTABLE):
-        return Decision(CALL_SERVICE, f"{error}, and the model was not tested")
+        return Decision(
+            CALL_SERVICE, f"{error}: the model was not tested, take a plan with repeats"
+        )
     found = (RunVerdict.DIAGNOSIS_NAMED, RunVerdict.DIAGNOSIS_AMBIGUOUS)
     if verdict.diagnosis not in (RunVerdict.DIAGNOSIS_CONSISTENT, *found):
         return Decision(CALL_SERVICE, f"{error}, and more acts than the errors contain")
@@ -196,13 +217,12 @@ def main() -> int:
     try:
         result = supervisor.measure(arguments[0])
     except (TimeoutError, Halted) as error:
-        run = supervisor.run_id
-        where = (
-            f"; run {run}: its bag begins with this name, where the recorder runs" if run else ""
-        )
-        sys.exit(f"{error}{where}")
+        run = f"run {supervisor.run_id}: {RECOVER}" if supervisor.run_id else "no run had begun"
+        print(f"{error}\n{run}", file=sys.stderr)
+        return NO_RESULT
     if result.outcome == Measure.Result.OUTCOME_REFUSED:
-        sys.exit(result.text)
+        print(result.text, file=sys.stderr)
+        return NO_RESULT
     verdict = supervisor.verdict
     found = Decision(CALL_SERVICE, "there is no verdict on this run")
     if verdict.run_id and verdict.run_id == result.run_id:
@@ -211,9 +231,10 @@ def main() -> int:
         known = not isnan(verdict.worst_error)
         print(f"largest error: {f'{worst} (U: 95 %)' if known else 'unknown'}")
     print(f"{result.text}; {result.verdict}: {result.sentence}\nbag: {result.bag}")
+    if result.outcome != Measure.Result.OUTCOME_FINISHED:
+        found = Decision(CALL_SERVICE, "the run did not finish: measure again")
     print(": ".join(found))
-    finished = result.outcome == Measure.Result.OUTCOME_FINISHED
-    return 0 if finished and found.step == GO_ON else 1
+    return EXIT_CODES[found.step]
 
 
 if __name__ == "__main__":

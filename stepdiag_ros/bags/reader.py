@@ -2,6 +2,7 @@
 
 import mmap
 import tempfile
+import time
 from bisect import bisect_left
 from collections.abc import Collection, Iterator, Set
 from contextlib import contextmanager
@@ -30,6 +31,8 @@ from stepdiag_ros.text.intake import LARGEST_CHUNK, MOST_EXPANSION
 COMPRESSED = b"\x28\xb5\x2f\xfd"
 """First bytes of what is compressed by zstd: ``ros2 bag record`` can do so with whole files."""
 _PART = 2**20
+_RECORDED_NOW = 60.0
+"""Seconds since the last write within which a file that is not closed may still be recorded."""
 """Bytes that are decompressed at a time."""
 
 
@@ -202,9 +205,12 @@ class BagReader(Bag):
     def _open(self) -> None:
         data = self._data
         if not layout.ends_properly(data):
+            wait = ""
+            if time.time() - self.path.stat().st_mtime < _RECORDED_NOW:
+                wait = " It may still be recorded: wait until the recorder has closed it. If not:"
             raise BagCutError(
-                f"{self.path} is cut off: it was not closed, or is still being recorded. Repair"
-                f" it with: stepdiag recover {self.path}. Or delete it and measure again",
+                f"{self.path} was not closed.{wait} 'stepdiag recover {self.path}' saves what it"
+                " holds",
                 fault="cut",
             )
         try:

@@ -105,7 +105,7 @@ def _end(run: "RunInBag") -> str:
 
 def _state(info: "BagInfo") -> str:
     if not info.complete:
-        return "cut off: the end is missing"
+        return "not closed: still being recorded, or cut off (then: stepdiag recover)"
     if info.intact is None:
         return "complete, checksums not checked"
     return "complete, every checksum is right" if info.intact else "DAMAGED: a checksum is wrong"

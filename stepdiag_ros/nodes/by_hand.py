@@ -90,7 +90,9 @@ class ByHandNode(StepdiagNode):
                 there.
         """
         if self._waiting_since is not None or (self._course and not self.run_over):
-            raise Refusal("a run is going on: abort it before starting another", fault="busy")
+            raise Refusal(
+                f"run {self.run_id} is going on: wait for its end, or abort it", fault="busy"
+            )
         objections = self._movers() + self.watch.missing(REQUIRED)
         if objections:
             raise ValueError(f"cannot start: {'; '.join(objections)}")
@@ -133,7 +135,7 @@ class ByHandNode(StepdiagNode):
 
     def _running(self) -> HandCourse:
         if self._course is None:
-            raise ValueError("no run was started")
+            raise ValueError("there is no run: none was started yet")
         return self._course
 
     def _on_reading(self, message: Any) -> None:

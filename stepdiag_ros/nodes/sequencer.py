@@ -149,7 +149,8 @@ class SequencerNode(StepdiagNode):
         if not self.run_over:
             held = ", held by a fault" if self._running().state is State.FAULT else ""
             raise Refusal(
-                f"a run is going on{held}: abort it before starting another ('stepdiag abort')",
+                f"run {self.run_id} is going on{held}: wait for its end, or abort it"
+                " ('stepdiag abort')",
                 fault="busy",
             )
         chosen, text = self._executable(plan) if plan.strip() else (self._plan, self._plan_text)
@@ -390,7 +391,7 @@ class SequencerNode(StepdiagNode):
 
     def _running(self) -> Sequence:
         if self._sequence is None:
-            raise ValueError("no run was started")
+            raise ValueError("there is no run: none was started yet")
         return self._sequence
 
     def _ended(self) -> None:

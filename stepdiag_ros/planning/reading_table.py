@@ -87,7 +87,7 @@ def table_mapping(plan: Plan, machine: Machine) -> str:
     box = {key: told.pop(key) for key in BOX_KEYS}
     # How a person reads a stop is not known.
     told.pop("sampling", None)
-    overrun = {"overrun_m": told.pop("overrun_m", 0.0)}
+    overrun = {"overrun_m": told.pop("overrun_m", 0.0), "overrun_of_step_diagonals_m": 0.0}
     chain = {"chain": list(machine.chain)} if machine.chain else {}
     rotations = {ROTATIONS_KEY: machine.rotations} if machine.rotations_stated else {}
     mapping = {

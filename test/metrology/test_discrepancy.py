@@ -25,6 +25,7 @@ from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, 
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.effects.thermal_growth import EFFECT as GROWTH
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.metrology.plan import FORWARD
 from stepdiag_ros.metrology.simulation import simulate
 
 CASES = Path(__file__).parent.parent / "data" / "cases"
@@ -142,6 +143,25 @@ def test_an_effect_of_temperature_is_named_in_a_run_whose_temperature_changes():
     assert finding.label == GROWTH.label(grows.setting)
     low, high = finding.band["per_K"]
     assert low < grows.sizes["per_K"] < high
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["stated", "not stated"])
+def test_backlash_is_named_where_every_axis_comes_to_the_first_stop_from_beyond(told):
+    """As an NC program of somebody's own does; the table of its readings may not say so."""
+    plain = hidden_run()
+    begun = replace(plain, lines=tuple(replace(line, overrun=2e-3) for line in plain.lines))
+    stops = stops_of(begun)
+    sense = np.where(np.array([one.direction for one in stops.lines]) == FORWARD, 1.0, -1.0)
+    assert np.all(stops.last_sense[:, 2] * stops.direction[:, 2] * sense[stops.pass_index] >= 0.0)
+    run = with_change(begun, backlash("Z", 1.5e-6).readings(stops))
+    if not told:
+        run = replace(run, lines=tuple(replace(line, overrun=np.nan) for line in run.lines))
+    diagnosis = diagnose(run)
+    assert diagnosis.verdict == NAMED
+    (finding,) = diagnosis.findings
+    assert finding.label == "backlash of Z"
+    low, high = finding.band["lost_motion"]
+    assert low < 1.5e-6 < high
 
 
 def test_two_effects_are_found_and_fitted_together():

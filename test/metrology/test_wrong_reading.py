@@ -125,3 +125,19 @@ def test_a_reading_that_no_other_pass_repeats_is_not_suspected():
     )
     run, _ = spiked(alone, row, 8e-6)
     assert diagnose(run).wrong_readings == ()
+
+
+def loose_flange(stops):
+    """Return a change that no effect of the catalogue makes: the middle of each diagonal sags."""
+    middle = np.all(np.abs(stops.share - 0.5) < 0.3, axis=1)
+    return 40.0 * NOISE * (middle & (stops.number % 3 == 0))
+
+
+def test_a_reading_that_is_off_by_far_is_wrong_whatever_else_the_run_shows():
+    plain = hidden_run(shape=loose_flange, **SETTINGS)
+    assert diagnose(plain).verdict not in (CONSISTENT, NAMED)
+    assert not diagnose(plain).wrong_readings
+    row = len(stops_of(plain).time) // 2
+    run, which = spiked(plain, row, 5000.0 * NOISE)
+    found = diagnose(run)
+    assert found.verdict == UNEXPLAINED and found.wrong_readings == (which,)

@@ -147,7 +147,7 @@ def test_a_goal_is_executed_to_its_end(bench):
 
 def test_a_refusal_says_why_and_leaves_the_present_run_alone(bench):
     _, first = bench.send()
-    bench.refusal = "a run is going on: abort it before starting another"
+    bench.refusal = "run 1 is going on: wait for its end, or abort it"
     response = bench.get(bench.send("demo")[1])
     assert response.status == ABORTED and response.result.outcome == REFUSED_OUTCOME
     assert response.result.text == bench.refusal and response.result.run_id == ""

@@ -27,8 +27,8 @@ SAME, ALTERNATING = "same", "alternating"
 MOST_TARGETS = 1001
 LONGEST = 100.0
 OVERRUN_UNDETERMINED = (
-    "the file does not state whether runs along an axis began beyond their first target, so the"
-    " diagnosis does not use the first stop of each run for the reversal error; B and mean B of ISO"
+    "the file does not state whether runs began beyond their first target, so the diagnosis uses"
+    " no stop of a run before an axis's first move for the reversal error; B and mean B of ISO"
     " 230-2 contain all targets, and may be too small at the ends (state the distance with"
     " --overrun M; 0: they did not)"
 )

@@ -99,11 +99,12 @@ def overrun_passed_over(overrun: float, lines: Iterable[MeasuredLine]) -> list[s
         lines: as they were imported.
     """
     steps = (line for line in lines if line.line.kind == STEP_DIAGONAL)
-    if not (overrun > 0.0 and any(line.overrun == 0.0 for line in steps)):
+    if not (overrun > 0.0 and any(not line.overrun > 0.0 for line in steps)):
         return []
     return [
-        "the overrun that is stated for the whole table does not apply to step diagonals, which"
-        " begin at their first stop; if they began beyond it, state that in a column of overruns"
+        "the overrun that is stated for the whole table does not apply to step diagonals. State"
+        " theirs by 'overrun_of_step_diagonals_m' in the mapping (0: they began at their first"
+        " stop), or for each pass in a column of overruns"
     ]
 
 

@@ -18,6 +18,7 @@ from stepdiag_ros.bags.imports.mapping import (
     AIR_UNITS,
     AXIS,
     DELIMITERS,
+    LARGEST_OVERRUN,
     LINES,
     READINGS,
     TableMapping,
@@ -36,7 +37,16 @@ from stepdiag_ros.bags.table_rows import (
 from stepdiag_ros.configuration import find, plan_from_text, read_text
 from stepdiag_ros.metrology.geometry import Vector, beam_direction, line_signs, move_orders
 from stepdiag_ros.metrology.measurement import Environment, Reading
-from stepdiag_ros.metrology.plan import DIAGONAL, FORWARD, LINE_NAMES, LINEAR, Line, Volume, kind_of
+from stepdiag_ros.metrology.plan import (
+    DIAGONAL,
+    FORWARD,
+    LINE_NAMES,
+    LINEAR,
+    STEP_DIAGONAL,
+    Line,
+    Volume,
+    kind_of,
+)
 from stepdiag_ros.metrology.refusal import fields_of
 from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.text.intake import parse_yaml
@@ -317,8 +327,8 @@ class _Numbers:
             )
         return value
 
-    def told(self, cells: _Cells) -> PassColumns:
-        """Return what columns state about the whole pass."""
+    def told(self, cells: _Cells, kind: str) -> PassColumns:
+        """Return what columns state about the whole pass of a kind of line."""
         attempt = None
         if "attempt" in cells.texts:
             what = f"'{self._mapping.columns['attempt']}'"
@@ -326,8 +336,24 @@ class _Numbers:
         return PassColumns(
             attempt=attempt,
             setup=cells.texts.get("setup"),
-            overrun=self.known(cells, "overrun"),
+            overrun=self.overrun(cells, kind),
         )
+
+    def overrun(self, cells: _Cells, kind: str) -> float | None:
+        """Return how far beyond its first stop a pass was begun, m; None where nothing says it."""
+        told = self.known(cells, "overrun")
+        if told is None and kind == STEP_DIAGONAL:
+            # An overrun of the lines along an axis says nothing of them; that there is none, does.
+            step, other = self._mapping.step_overrun, self._mapping.overrun
+            return step if math.isfinite(step) or other else other
+        if told is not None and told > LARGEST_OVERRUN:
+            raise refusal(
+                self._source,
+                cells.row,
+                f"'overrun' is {told:g} m; expected 0 to {LARGEST_OVERRUN:g} m. Check its unit",
+                fault="out_of_range",
+            )
+        return told
 
     def run(self, cells: _Cells) -> int:
         """Return the number of the run; 1 where no column states it."""
@@ -393,7 +419,7 @@ def _lines(
 ) -> Imported:
     volume = mapping.volume
     assert volume is not None, "a mapping of lines has a volume"
-    told = list(_stops(source, rows, mapping, volume))
+    told = list(_stops(source, rows, replace(mapping, overrun=overrun), volume))
     begun = {"overrun_m": overrun} if math.isfinite(overrun) else {}
     course = {**mapping.plan, **begun}
     case = Case(
@@ -405,7 +431,7 @@ def _lines(
         source="the mapping file",
     )
     found = planned_lines(f"imported from {source}", told, case, overrun, source)
-    untold = any(math.isnan(line.overrun) for line in found.lines)
+    untold = math.isnan(overrun) and any(math.isnan(line.overrun) for line in found.lines)
     return Imported(
         format=NAME,
         volume=volume,
@@ -497,7 +523,7 @@ def _stops(
             position=(x, y, z),
             reading=reading,
             environment=numbers.environment(cells),
-            told=numbers.told(cells),
+            told=numbers.told(cells, which.kind),
             standard_uncertainty=numbers.known(cells, "uncertainty"),
             run=numbers.run(cells) if "run" in cells.texts else None,
         )

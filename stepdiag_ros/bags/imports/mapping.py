@@ -18,6 +18,8 @@ AXIS, LINES, READINGS = "axis", "lines", "readings"
 TABLES = (AXIS, LINES, READINGS)
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 25.4e-3}
+LARGEST_OVERRUN = 1.0
+"""m, by which a pass may begin beyond its first stop."""
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
 _TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
 AIR_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
@@ -106,6 +108,8 @@ class TableMapping:
         standing: machine coordinates of the axes that stand, m; None if not known.
         overrun: how far beyond its first target each run along an axis was begun, m; 0 if it was
             not, NaN if that is not known.
+        step_overrun: the same of step diagonals, along the diagonal, m; NaN: 0 if ``overrun`` is
+            0, else unknown.
         volume: of the lines; None for other tables.
         line: name of the line where no column states it.
         order: of the moves of a step diagonal where no column states it.
@@ -138,6 +142,7 @@ class TableMapping:
     axis: str = ""
     standing: tuple[float, float, float] | None = None
     overrun: float = math.nan
+    step_overrun: float = math.nan
     volume: Volume | None = None
     line: str = ""
     order: str = ""
@@ -310,8 +315,8 @@ def _environment(top: Section) -> Environment:
     return made
 
 
-def _overrun(top: Section) -> float:
-    return math.nan if top.unknown("overrun_m") else top.number("overrun_m", 0.0, 1.0)
+def _overrun(top: Section, key: str = "overrun_m") -> float:
+    return math.nan if top.unknown(key) else top.number(key, 0.0, LARGEST_OVERRUN)
 
 
 def _plan(top: Section) -> dict[str, Any]:
@@ -343,6 +348,7 @@ def _of_table(top: Section, table: str) -> dict[str, Any]:
     )
     box.finish()
     made: dict[str, Any] = {"volume": volume, "overrun": _overrun(top), "plan": _plan(top)}
+    made["step_overrun"] = _overrun(top, "overrun_of_step_diagonals_m")
     names = sorted({name for of_kind in LINE_NAMES.values() for name in of_kind})
     for key, known in (
         ("line", tuple(names)),

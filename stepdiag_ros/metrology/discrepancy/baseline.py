@@ -247,18 +247,19 @@ def _pass_zeros(measurement: Measurement, stops: Stops) -> Vector:
 
 
 def _approaches(stops: Stops) -> Vector:
-    """Return a column for first stops of passes with an unknown approach.
+    """Return a column for stops of passes before an axis's first move, with an unknown approach.
 
     Passes of one setup in the same direction have it in common, but for the first one of the setup,
     before which the machine may have come from anywhere. What reversal error or settling makes at
     such a stop depends on whether the axis turned round there, so it says nothing of either.
     """
     rows = np.flatnonzero(~stops.approach_told)
-    kinds: dict[tuple[int, str, bool], list[int]] = {}
+    kinds: dict[tuple[int, str, bool, int], list[int]] = {}
     for row in rows:
         line, setup = stops.lines[stops.pass_index[row]], int(stops.setup[row])
-        begins = bool(row == np.flatnonzero(stops.setup == setup)[0])
-        kinds.setdefault((setup, line.direction, begins), []).append(int(row))
+        first = int(stops.pass_index[np.flatnonzero(stops.setup == setup)[0]])
+        kind = (setup, line.direction, stops.pass_index[row] == first, int(stops.number[row]))
+        kinds.setdefault(kind, []).append(int(row))
     columns = np.zeros((len(stops.time), len(kinds)))
     for column, alike in enumerate(kinds.values()):
         columns[alike, column] = 1.0

@@ -114,11 +114,12 @@ def diagnose(
         return _gross(steadied(stops_of(measurement)), gross)
     tell("fitting the baseline")
     start = model.start(measurement)
-    slips = find_slips(start, model, tell)
-    if slips.first:
-        found = _but_for_wrong_readings(slips, start, model, seed, tell)
-        if found is not None:
-            return found
+    slips, sure = find_slips(start, model, tell)
+    for wrong in [slips] if sure.found == slips.found else [slips, sure]:
+        if wrong.first:
+            found = _but_for_wrong_readings(wrong, start, model, seed, tell)
+            if found is not None:
+                return found
     found = _compared(start, model, seed, tell)
     if found.verdict == verdicts.UNEXPLAINED and not slips.first:
         return _but_for_wrong_readings(slips, start, model, seed, tell) or found

@@ -27,10 +27,13 @@ class Slips(NamedTuple):
     first: bool
 
 
-def find_slips(start: Start, model: Model, tell: Progress) -> Slips:
-    """Return the readings of a run that stand out from the rest, one after another."""
+def find_slips(start: Start, model: Model, tell: Progress) -> tuple[Slips, Slips]:
+    """Return the readings of a run that stand out from the rest, and those that are surely wrong.
+
+    They are taken off one after another.
+    """
     taken: list[WrongReading] = []
-    slips = Slips([], start, False)
+    slips = sure = Slips([], start, False)
     now, most = start, many_slips(start.stops)
     while now.noise_is_known:
         rotation = now.measurement.plausible.rotation
@@ -41,11 +44,13 @@ def find_slips(start: Start, model: Model, tell: Progress) -> Slips:
         if not are_slips(taken, most):
             # Beyond a few clear ones, what hides may be an effect; else too much is wrong.
             few = slips.first and all(one.clear for one in slips.found)
-            return slips if few and not wrong.clear else Slips([], start, False)
+            return (slips if few and not wrong.clear else Slips([], start, False)), sure
         tell("leaving out a reading that stands out")
         now = model.start(wrong.without(now.measurement))
         if wrong.clear:
             few = len(taken) <= FEW_SLIPS and all(one.clear for one in taken)
             quieter = QUIETER * now.noise.size < start.noise.size
             slips = Slips(list(taken), now, few or quieter)
-    return slips
+            if all(one.sure for one in taken):
+                sure = slips
+    return slips, sure

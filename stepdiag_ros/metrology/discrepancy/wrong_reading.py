@@ -3,7 +3,8 @@
 None is an effect of the machine, and whatever effects imitate it are false. So they are looked for
 before effects, one after another: a reading whose own error stands out by far from all that is left
 of the run, beside rotations and zeros that scatter as is plausible. If the rest of the run agrees
-with the model, or has effects of the catalogue, these readings are wrong. Another pass must have
+with the model, or has effects of the catalogue, these readings are wrong; if they stand out by
+thirty standard deviations, they are wrong whatever the rest shows. Another pass must have
 read the same stop, so that a machine that is off at one place is not mistaken for a wrong reading.
 Neighbours in a pass are not suspected: what acts on several stops in a row is an effect.
 
@@ -47,6 +48,9 @@ _MANY_SLIPS = 12
 """Wrong readings of one run at most: each costs a fit of the whole run."""
 _CLEAR = 8.0
 """Standard deviations, by what is left of the run, by which a wrong reading stands out."""
+_SURE = 30.0
+"""The same, where a reading is wrong whatever else the run shows: an effect that acts on single
+stops acts on several, of which none then stands out so far from the others."""
 _HIDDEN = 4.5
 """The same, where others that are wrong are left."""
 QUIETER = 3.0
@@ -61,13 +65,23 @@ class WrongReading:
         line: index of its pass in the measurement.
         stop: number of the stop in the pass, from 0.
         size: by how much it is off, m.
-        clear: it stands out by far from the rest; otherwise others that are wrong may hide it.
+        out: by how many standard deviations of all that is left of the run.
     """
 
     line: int
     stop: int
     size: float
-    clear: bool = True
+    out: float = np.inf
+
+    @property
+    def clear(self) -> bool:
+        """Say whether it stands out by far; otherwise others that are wrong may hide it."""
+        return self.out > _CLEAR
+
+    @property
+    def sure(self) -> bool:
+        """Say whether it is wrong whatever else the run shows."""
+        return self.out > _SURE
 
     def without(self, measurement: Measurement) -> Measurement:
         """Return a measurement in which this stop has no reading."""
@@ -131,7 +145,7 @@ def most_wrong(
     if not out > _HIDDEN or not _repeated(stop, good, stops):
         return None
     where = int(stops.pass_index[stop]), int(stops.number[stop])
-    return WrongReading(*where, float(sizes[best]), clear=out > _CLEAR)
+    return WrongReading(*where, float(sizes[best]), out)
 
 
 def _repeated(stop: int, good: NDArray[np.int64], stops: Stops) -> bool:
@@ -154,7 +168,8 @@ def with_wrong_readings(
         problem: the whole run, with the noise of the rest.
         measurement: the run.
     """
-    if rest.verdict not in (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS):
+    explained = rest.verdict in (verdicts.CONSISTENT, verdicts.NAMED, verdicts.AMBIGUOUS)
+    if not explained and not all(one.sure for one in wrong):
         return None
     which = tuple(one.words(measurement) for one in wrong)
     squares, none = float(problem.gap @ problem.gap), np.zeros((len(problem.gap), 0))
@@ -164,7 +179,7 @@ def with_wrong_readings(
         verdict=verdicts.UNEXPLAINED,
         sentence=_sentence(rest, wrong, which),
         findings=(),
-        partial=rest.findings,
+        partial=rest.findings if explained else rest.partial,
         description=None,
         wrong_readings=which,
         chi_squared_before=squares,
@@ -189,7 +204,7 @@ def _sentence(rest: Diagnosis, wrong: Sequence[WrongReading], which: Sequence[st
         else f", and {count} {'is' if one else 'are'} wrong"
     )
     off = "; ".join(
-        f"{words} is off by about {reading.size * IN_MICRO:+.2g} µm"
+        f"{words} is off by about {float(f'{reading.size * IN_MICRO:.2g}'):+g} µm"
         for words, reading in zip(which, wrong, strict=True)
     )
     return f"Model and run disagree{how}: {off}.{'' if agrees else f' Without: {rest.sentence}'}"

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.forward import levers
-from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction
+from stepdiag_ros.metrology.geometry import AXES, Vector, beam_direction, line_signs
 from stepdiag_ros.metrology.measurement import MeasuredLine, Measurement
-from stepdiag_ros.metrology.plan import FORWARD, Line
+from stepdiag_ros.metrology.plan import FORWARD, STEP_DIAGONAL, Line
 from stepdiag_ros.metrology.refusal import Refusal
 
 _MOVED = 1e-9
@@ -155,7 +155,7 @@ def stops_of(measurement: Measurement) -> Stops:
     targets = [line.target - corner for line in measurement.lines]
     lengths = [len(target) for target in targets]
     environment = np.concatenate([line.environment for line in measurement.lines])
-    way = np.concatenate([_way(line) for line in measurement.lines])
+    way = np.concatenate([_way(line, measurement) for line in measurement.lines])
     return Stops(
         chain=measurement.chain,
         corner=corner,
@@ -198,17 +198,29 @@ def _start(line: MeasuredLine, measurement: Measurement) -> Vector:
     return start
 
 
-def _way(line: MeasuredLine) -> Vector:
-    """Return the move that led to each stop of a line, m, shape (stops, 3)."""
+def _way(line: MeasuredLine, measurement: Measurement) -> Vector:
+    """Return the move that led to each stop of a line, m, shape (stops, 3).
+
+    A pass with an overrun is begun beyond its first stop in all axes that it moves, so that each
+    comes to this stop in the sense of the pass.
+    """
     way: Vector = np.diff(line.target, axis=0, prepend=line.target[:1])
     if line.overrun > 0.0 and len(way) > 1:
-        way[0] = line.overrun * way[1] / np.linalg.norm(way[1])
+        along = way[1] / np.linalg.norm(way[1])
+        if line.line.kind == STEP_DIAGONAL:
+            sense = 1.0 if line.line.direction == FORWARD else -1.0
+            along = sense * _direction(line, measurement)
+        way[0] = line.overrun * along
     return way
 
 
 def _approach_told(line: MeasuredLine) -> NDArray[np.bool_]:
-    told = np.ones(len(line.target), dtype=np.bool_)
-    told[0] = np.isfinite(line.overrun)
+    """Say of each stop whether it is known in which sense every axis of the line has come there."""
+    if np.isfinite(line.overrun):
+        return np.ones(len(line.target), dtype=np.bool_)
+    moves = np.abs(np.diff(line.target, axis=0, prepend=line.target[:1])) > _MOVED
+    moving = line_signs(line.line.name) != 0
+    told: NDArray[np.bool_] = np.all(np.logical_or.accumulate(moves, axis=0)[:, moving], axis=1)
     return told
 
 
@@ -227,7 +239,7 @@ def _last_senses(measurement: Measurement) -> Vector:
     latest: dict[str, tuple[Vector, Vector]] = {}
     for index in sorted(range(len(senses)), key=lambda one: measurement.lines[one].end_time):
         line = measurement.lines[index]
-        begun = line.target[0] - _way(line)[0]
+        begun = line.target[0] - _way(line, measurement)[0]
         place, sense = latest.get(line.setup, (begun, np.zeros(len(AXES))))
         moves = np.diff(np.vstack([place, begun, line.target]), axis=0)
         senses[index] = _last_before(np.vstack([sense, _senses(moves)]))[2:]

@@ -95,25 +95,37 @@ def test_the_command_line_goes_before_the_mapping(tmp_path, capsys):
     assert {line.overrun for line in load_run(bag).lines} == {0.002}
 
 
-def test_of_mapped_lines_those_along_an_axis_begin_nobody_knows_where():
+def test_where_mapped_lines_begin_is_unknown_unless_it_is_stated():
     _, made = read_file(
         DATA / "made_up_step_diagonal.txt", ImportOptions(mapping="step_diagonal_stops")
     )
     kinds = {line.line.kind for line in made.lines}
     assert STEP_DIAGONAL in kinds
-    for line in made.lines:
-        assert math.isnan(line.overrun) == (line.line.kind != STEP_DIAGONAL)
-    assert any("--overrun" in one for one in made.remarks) == (len(kinds) > 1)
+    assert all(math.isnan(line.overrun) for line in made.lines)
+    assert any("--overrun" in one for one in made.remarks)
 
 
-@pytest.mark.parametrize("overrun", [0.0, 0.002])
-def test_a_stated_overrun_that_does_not_apply_to_step_diagonals_is_named(overrun):
+@pytest.mark.parametrize(("overrun", "of_steps"), [(0.0, 0.0), (0.002, math.nan)])
+def test_a_stated_overrun_that_does_not_apply_to_step_diagonals_is_named(overrun, of_steps):
     source = DATA / "made_up_step_diagonal.txt"
     _, made = read_file(source, ImportOptions(mapping="step_diagonal_stops", overrun=overrun))
-    assert {line.overrun for line in made.lines if line.line.kind == STEP_DIAGONAL} == {0.0}
+    found = [line.overrun for line in made.lines if line.line.kind == STEP_DIAGONAL]
+    np.testing.assert_array_equal(found, [of_steps] * len(found))
     assert any("step diagonals" in one for one in made.remarks) == (overrun > 0.0)
     (test, *_) = all_runs(Measurement(made.volume, made.lines))
-    assert STEPS_BEGIN_AT_THE_END in test.remarks
+    assert (STEPS_BEGIN_AT_THE_END in test.remarks) == (overrun == 0.0)
+
+
+@pytest.mark.parametrize("of_steps", [0.0, 0.003])
+def test_step_diagonals_have_a_key_of_their_own(tmp_path, of_steps):
+    mapping = tmp_path / "mapping.yaml"
+    parsed = yaml.safe_load(read_text(find("step_diagonal_stops", "imports")))
+    parsed["overrun_of_step_diagonals_m"] = of_steps
+    mapping.write_text(yaml.safe_dump(parsed, allow_unicode=True), encoding="utf-8")
+    options = ImportOptions(mapping=str(mapping), overrun=0.002)
+    _, made = read_file(DATA / "made_up_step_diagonal.txt", options)
+    found = {line.overrun for line in made.lines if line.line.kind == STEP_DIAGONAL}
+    assert found == {of_steps}
 
 
 def test_b_of_iso_230_2_contains_all_targets_whatever_is_known_of_the_overrun(table):
