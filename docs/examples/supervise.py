@@ -81,7 +81,7 @@ class Supervisor(Node):
         try:
             result = self._wait(self._wait(sent).get_result_async()).result
         except Halted:
-            self.cancel(sent, VERDICT_LIMIT)
+            self.cancel(sent)
             raise
         except TimeoutError:
             self.cancel(sent, CANCEL_LIMIT)
@@ -95,7 +95,7 @@ class Supervisor(Node):
         """Return the future goal of a run of this plan, which is resumed after each setup."""
         return self.action.send_goal_async(Measure.Goal(plan=plan), self._on_feedback)
 
-    def cancel(self, sent: Future, limit: float) -> None:
+    def cancel(self, sent: Future, limit: float = VERDICT_LIMIT) -> None:
         """Cancel the run of this future goal: the machine stops."""
         rclpy.spin_until_future_complete(self, sent, timeout_sec=limit)
         if sent.done():
@@ -116,7 +116,7 @@ class Supervisor(Node):
         elsewhere = sorted({space for name, space in nodes if name == "sequencer"})
         found = f"; there is one in {', '.join(elsewhere)}" if elsewhere else ""
         raise TimeoutError(
-            f"no sequencer found in the namespace {self.get_namespace()} of the ROS domain"
+            f"no sequencer found in the namespace {self.get_namespace()} with ROS_DOMAIN_ID"
             f" {os.environ.get('ROS_DOMAIN_ID', '0')} within {limit:g} s{found}: check both"
         )
 

@@ -94,8 +94,8 @@ def test_a_sequencer_that_was_never_there_is_told_from_one_that_is_silent(monkey
     supervisor._heard = time.monotonic() - 11.0
     with refused(TimeoutError, None, "/elsewhere", "/cell_1", "ROS_DOMAIN_ID"):
         supervisor.check()
-    supervisor._found = True
+    supervisor._found, supervisor._text = True, "measuring"
     supervisor._heard = time.monotonic() - 3.0
     with pytest.raises(TimeoutError) as info:
         supervisor.check()
-    assert "/elsewhere" not in str(info.value)
+    assert "/elsewhere" not in str(info.value) and "measuring" in str(info.value)

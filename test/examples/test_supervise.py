@@ -21,6 +21,8 @@ EXAMPLES = ROOT / "docs/examples"
 EXAMPLE = EXAMPLES / "supervise.py"
 TREE = EXAMPLES / "behaviour_tree.py"
 CELL_TEST = EXAMPLES / "test_cell.launch.py"
+NO_RESULT = 3
+"""Exit code of the example where it has no result."""
 ACTIVE_TEST = """
 import runpy, sys, unittest, fake_launch
 sys.modules.update(fake_launch.modules())
@@ -112,7 +114,8 @@ def test_a_run_is_supervised_to_its_end_and_a_silent_sequencer_is_a_fault(cell, 
     supervisor = started(EXAMPLE, "nonsense")
     out, err = ended(cell, supervisor)
     # Of a refused goal only the reason is of use: there is no run, no verdict and no bag.
-    assert supervisor.returncode == 1 and not out and "nonsense" in err and "Traceback" not in err
+    assert supervisor.returncode == NO_RESULT and not out and "nonsense" in err
+    assert "Traceback" not in err
 
     for end in (SIGINT, SIGTERM):
         supervisor = started(EXAMPLE, plan)
@@ -120,12 +123,13 @@ def test_a_run_is_supervised_to_its_end_and_a_silent_sequencer_is_a_fault(cell, 
         supervisor.send_signal(end)
         _, err = ended(cell, supervisor)
         cell.wait(lambda: cell.state() is State.ABORTED, "the run is cancelled")
-        assert supervisor.returncode == 1 and "Traceback" not in err
-        # The client library names itself; the example adds a line.
-        assert len(err.splitlines()) == 2, err
+        assert supervisor.returncode == NO_RESULT and "Traceback" not in err
+        # The client library names itself; the example says why it ends, and where the bag is.
+        assert len(err.splitlines()) == 3 and "stepdiag recover" in err, err
 
     supervisor = started(EXAMPLE, plan)
     cell.wait(lambda: cell.state() is State.RUNNING, "the last run is on")
     cell.processes.running["sequencer"].kill()
     _, err = supervisor.communicate(timeout=PATIENCE)
-    assert supervisor.returncode == 1 and "sequencer" in err and "Traceback" not in err
+    assert supervisor.returncode == NO_RESULT and "sequencer" in err and "Traceback" not in err
+    assert re.search(r"run \d{8}T\d{6}Z-\w+: ", err) and "stepdiag recover" in err

@@ -38,7 +38,7 @@ class Creep(Effect):
     sentence = "The reading creeps with the square root of time, times the place of an axis."
     source = "made up for this test"
     keys = (Key("axis", AXES),)
-    sizes = (Size("rate", "1/sqrt(s)", -1e-3, 1e-3, "creep per way and root of time"),)
+    sizes = (Size("rate", "1", -1e-3, 1e-3, "creep of a way in the first second"),)
 
     def settings(self, stops):
         for axis, letter in enumerate(AXES):

@@ -529,6 +529,11 @@ class Undeclared(Foreign):
         yield {"axis": "X"}
 
 
+class Returns(Foreign):
+    def settings(self, stops):  # noqa: ARG002
+        return {}
+
+
 class OtherNames(Undeclared):
     keys = (Key("axis", ("Y", "Z")),)
 
@@ -590,12 +595,25 @@ class Wordless(Foreign):
         (InMicrometres, ("ArithmeticError", "50 m")),
         (Undeclared, ("LookupError", "axis", "none")),
         (OtherNames, ("LookupError", "'X'", "Y, Z")),
+        (Returns, ("TypeError", "'settings'")),
     ],
 )
 def test_an_effect_whose_code_fails_is_named_with_what_it_raises(effect, raised):
     run = simulate(make_plan(blocks=3, repeats=2), make_cell())
     with refused(Refusal, "failed", __name__, *raised, about="a foreign effect"):
         diagnose(run, catalogue=[effect()])
+
+
+def test_a_size_that_is_plausible_in_a_small_box_blocks_no_run_in_a_large_one():
+    class Grows(Foreign):
+        sizes = (Size("size", "1/m^2", -0.2, 0.2, "of it"),)
+
+        def change(self, setting, sizes, stops):  # noqa: ARG002
+            return Change(reading=sizes["size"] * stops.position[:, 0] * stops.position[:, 1] ** 2)
+
+    cell = make_cell(high=(1.0, 1.0, 1.0))
+    run = simulate(make_plan(blocks=4, step=(0.25, 0.25, 0.25), repeats=2), cell)
+    assert "a foreign effect" in diagnose(run, catalogue=[Grows()]).detection_limits
 
 
 def test_a_cell_with_an_effect_whose_code_fails_is_refused_by_the_name_of_the_effect():

@@ -117,7 +117,10 @@ def signatures(
             continue
         tried = 0
         with fault_named(effect):
-            for setting in effect.settings(stops):
+            settings = effect.settings(stops)
+            if isinstance(settings, Mapping):
+                raise TypeError("'settings' returns one setting; yield each")
+            for setting in settings:
                 effect.check(setting)
                 tried += 1
                 candidate = Candidate(effect, setting, _label(effect, setting))

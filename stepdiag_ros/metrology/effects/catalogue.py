@@ -68,7 +68,7 @@ def _fault(effect: object) -> str:
         if not re.fullmatch(_UNIT, size.unit):
             return (
                 f"states the unit '{size.unit}' of its size '{size.name}', which is not a unit of"
-                " the SI without prefix, such as m, rad, m/K or 1/m^2"
+                " the SI without prefix, such as m, rad, m/K or 1/m^2 (powers with ^)"
             )
     names = [size.name for size in effect.sizes]
     if len(set(names)) < len(names):

@@ -16,7 +16,10 @@ from stepdiag_ros.metrology.registry import raised
 Setting = Mapping[str, Any]
 """Where and how an effect acts: names → a name of an axis or line, or a number that shapes it."""
 _LARGEST_CHANGE = 0.1
-"""m: what changes a reading by more is not in SI units."""
+"""m: what changes a reading by more is not in SI units, in a box of up to ``_USUAL_TRAVEL``; in a
+larger one as much more as an effect may change that grows with the cube of the places."""
+_USUAL_TRAVEL = 0.5
+"""m."""
 
 
 @dataclass(frozen=True)
@@ -226,15 +229,18 @@ class Effect(ABC):
         }
         twice = {name: 2.0 * value for name, value in sizes.items()}
         one = ActiveEffect(self, setting, sizes).readings(stops)
-        if np.nanmax(np.abs(one), initial=0.0) > _LARGEST_CHANGE:
+        most = _LARGEST_CHANGE * max(1.0, float(np.max(stops.travel)) / _USUAL_TRAVEL) ** 3
+        if np.nanmax(np.abs(one), initial=0.0) > most:
             raise ArithmeticError(
-                f"its largest sizes change a reading by {np.nanmax(np.abs(one)):.3g} m; give"
-                " 'low' and 'high' in SI units: m and rad, not µm and µrad"
+                f"its largest sizes change a reading by {np.nanmax(np.abs(one)):.3g} m, more than"
+                f" the {most:.3g} m that are plausible in this box; give 'low' and 'high' in SI"
+                " units: m and rad, not µm and µrad"
             )
         two = ActiveEffect(self, setting, twice).readings(stops)
         if not np.allclose(two, 2.0 * one, rtol=1e-6, atol=1e-12, equal_nan=True):
             raise ArithmeticError(
-                "its change is not proportional to its sizes; make what is not a key"
+                "its change is not proportional to its sizes; a value to which it is not"
+                " proportional must be a key"
             )
 
 
