@@ -368,8 +368,8 @@ def _reading_reason(line: Line, row: TableRow, nominal: float, reading: float) -
     )
     ratio = reading / nominal if nominal else 0.0
     if abs(ratio + 1.0) < 0.05:
-        return f"{place}; its sign is wrong, a reading grows along the beam", "sign"
+        return f"{place}; its sign is wrong ('sign: -1' in a mapping file turns all signs)", "sign"
     for factor, size in ((1000.0, "1000 times too large"), (0.001, "1000 times too small")):
         if abs(abs(ratio) / factor - 1.0) < 0.1:
             return f"{place}; it is {size}: check the unit of the readings", "unit"
-    return place, ""
+    return f"{place}; check the size of the blocks (step_m) and the order of the moves", ""

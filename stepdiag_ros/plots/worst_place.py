@@ -70,7 +70,7 @@ def worst_error(
         which = which or "of the readings"
     error_map = VolumetricMap.of_result(result, chain)
     low, high = error_map.low, error_map.high
-    sheet = Sheet(1, 1, 3.1, axes=axes, width=5.0, left=0.1, right=1.1, bottom=0.05)
+    sheet = Sheet(1, 1, 2.5, axes=axes, width=5.0, left=0.1, right=1.1, bottom=0.05)
     (panel,) = sheet.panels
     wall = _walls(panel, error_map, worst.value)
     add_wires(panel, box_edges(low, high), colors="0.55", linewidths=0.8)

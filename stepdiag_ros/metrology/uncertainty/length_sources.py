@@ -36,7 +36,8 @@ from stepdiag_ros.metrology.units import IN_MICRO
 
 REFERENCE_AIR = (20.0, 101325.0, 0.5)
 """degC, Pa, 0..1: where the derivatives of the index are taken if the air was not recorded."""
-_AIR = ("air temperature", "air pressure", "humidity")
+_AIR = {"air temperature": "20 degC", "air pressure": "1013.25 hPa", "humidity": "50 %"}
+"""Quantities of the air, with ``REFERENCE_AIR`` in words."""
 CO2_EFFECT = 1.44e-4
 """Change of n with the mole fraction of CO2: (n - 1)·0.534 (Ciddor 1996, eq. 2)."""
 
@@ -117,19 +118,19 @@ def _resolution(seen: Observations, stated: Spread) -> Source:
     return replace(shown, correlation=PER_PLACE, member=place)
 
 
-def _not_recorded(air: Vector) -> str:
-    """Return which quantities of the air, (n, 3), lack values, in words; empty if none does."""
+def _not_recorded(air: Vector) -> tuple[str, str]:
+    """Return which quantities of the air, (n, 3), lack values, and what is taken; empty if none."""
     lacks = ~np.all(np.isfinite(air), axis=0)
     names = [name for name, here in zip(_AIR, lacks, strict=True) if here]
-    return ", ".join(names)
+    return ", ".join(names), ", ".join(_AIR[name] for name in names)
 
 
 def air_sources(readings: Readings, instrument: Instrument) -> list[Source]:
     """Return the sources of the compensation for the air, dead path included."""
     seen = readings.observations
     air = np.where(np.isfinite(readings.air), readings.air, REFERENCE_AIR)
-    lacking = _not_recorded(readings.air)
-    note = f"{lacking} not recorded: there 20 degC, 1013.25 hPa or 50 % is taken" if lacking else ""
+    lacking, taken = _not_recorded(readings.air)
+    note = f"{lacking} not recorded: there {taken} is taken" if lacking else ""
     zero = first_of_setup(seen)
     path = instrument.dead_path
     # Where the dead path is not known, its share in a sensor's common error is left out: it acts
