@@ -31,9 +31,9 @@ from stepdiag_ros.text.intake import LARGEST_CHUNK, MOST_EXPANSION
 COMPRESSED = b"\x28\xb5\x2f\xfd"
 """First bytes of what is compressed by zstd: ``ros2 bag record`` can do so with whole files."""
 _PART = 2**20
+"""Bytes that are decompressed at a time."""
 _RECORDED_NOW = 60.0
 """Seconds since the last write within which a file that is not closed may still be recorded."""
-"""Bytes that are decompressed at a time."""
 
 
 def map_file(path: Path) -> mmap.mmap:

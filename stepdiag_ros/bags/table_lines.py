@@ -372,4 +372,7 @@ def _reading_reason(line: Line, row: TableRow, nominal: float, reading: float) -
     for factor, size in ((1000.0, "1000 times too large"), (0.001, "1000 times too small")):
         if abs(abs(ratio) / factor - 1.0) < 0.1:
             return f"{place}; it is {size}: check the unit of the readings", "unit"
-    return f"{place}; check the size of the blocks (step_m) and the order of the moves", ""
+    return (
+        f"{place}; check the reading, the size of the blocks (step_m) and the order of the moves",
+        "",
+    )

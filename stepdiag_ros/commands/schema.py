@@ -7,6 +7,7 @@ from pathlib import Path
 from stepdiag_ros import resources, schemas
 from stepdiag_ros.commands.arguments import Command, Group, no_such
 from stepdiag_ros.metrology.spelling import nearest
+from stepdiag_ros.topics import TOPICS
 
 _EXAMPLES = """\
 examples:
@@ -45,6 +46,9 @@ def _known(name: str) -> str:
     known = [*schemas.VERSIONS, *_interfaces()]
     if name in known:
         return name
+    topics = {topic.name: topic.type_name.rpartition("/")[2] for topic in TOPICS}
+    if topics.get(name) in known:
+        raise ArgumentTypeError(f"'{name}' is a topic; its type is: stepdiag schema {topics[name]}")
     if nearest(name, known):
         raise ArgumentTypeError(no_such(name, known))
     raise ArgumentTypeError(f"there is no '{name}'; list the names with: stepdiag schema")

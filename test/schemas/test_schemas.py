@@ -137,6 +137,9 @@ def test_the_command_prints_and_lists(capsys):
     with refused(SystemExit, code=2):
         main(["schema", "diagnosi"])
     assert "diagnosis" in capsys.readouterr().err
+    with refused(SystemExit, code=2):
+        main(["schema", "result/verdict"])
+    assert "stepdiag schema RunVerdict" in capsys.readouterr().err
 
 
 def test_the_readme_names_the_command():

@@ -32,8 +32,8 @@ class Stops:
             m, shape (n, 3).
         way: the move that led to each stop, m, shape (n, 3); zeros at the first stop of a pass,
             whose approach the data do not contain, unless the pass was begun beyond it.
-        approach_told: the run shows how the machine came to the stop; False at the first stop of a
-            pass of which is not known whether it was begun beyond it, shape (n,).
+        approach_told: the run shows how the machine came to the stop; False at the stops
+            before an axis's first move in a pass whose overrun is not known, shape (n,).
         moved: sense (-1, 0, +1) of each axis in that move, shape (n, 3).
         last_sense: sense of each axis's last move since its setup was begun, shape (n, 3); 0
             before its first move there, because what the machine does while the laser is aligned
@@ -216,11 +216,14 @@ def _way(line: MeasuredLine, measurement: Measurement) -> Vector:
 
 def _approach_told(line: MeasuredLine) -> NDArray[np.bool_]:
     """Say of each stop whether it is known in which sense every axis of the line has come there."""
+    told = np.ones(len(line.target), dtype=np.bool_)
     if np.isfinite(line.overrun):
-        return np.ones(len(line.target), dtype=np.bool_)
-    moves = np.abs(np.diff(line.target, axis=0, prepend=line.target[:1])) > _MOVED
-    moving = line_signs(line.line.name) != 0
-    told: NDArray[np.bool_] = np.all(np.logical_or.accumulate(moves, axis=0)[:, moving], axis=1)
+        return told
+    told[0] = False
+    if line.line.kind == STEP_DIAGONAL:
+        moves = np.abs(np.diff(line.target, axis=0, prepend=line.target[:1])) > _MOVED
+        moving = line_signs(line.line.name) != 0
+        told = np.all(np.logical_or.accumulate(moves, axis=0)[:, moving], axis=1)
     return told
 
 

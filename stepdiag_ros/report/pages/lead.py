@@ -367,8 +367,8 @@ def _plausible_size(material: Material) -> str:
         source = f"{size * IN_MICRO:.3g} µrad by '{ROTATIONS_KEY}' of the machine file"
     else:
         source = (
-            f"{size * IN_MICRO:.3g} µrad, assumed because the machine file does not state"
-            f" '{ROTATIONS_KEY}'"
+            f"{size * IN_MICRO:.3g} µrad, assumed because '{ROTATIONS_KEY}' is not stated (key of"
+            " the machine file, or of the mapping of a table)"
         )
     most = ""
     largest = material.budget_of_largest_error

@@ -101,19 +101,19 @@ def test_stops_are_counted_where_no_column_does(tmp_path):
         assert one.displacement.tolist() == other.displacement.tolist()
 
 
-def with_air(tmp_path, pressure, unit=None):
-    """Return a step diagonal's table with a column of air pressure, and its mapping."""
+def with_column(tmp_path, meaning, value, unit=None):
+    """Return a step diagonal's table with one more column, and its mapping."""
     rows = DIAGONALS.read_text().splitlines()
     head = next(place for place, row in enumerate(rows) if row.startswith("Diagonal"))
     end = rows.index("END")
-    rows[head] += " Pressure"
-    rows[head + 1 : end] = [f"{row} {pressure}" for row in rows[head + 1 : end]]
-    table = tmp_path / "air.txt"
+    rows[head] += " Further"
+    rows[head + 1 : end] = [f"{row} {value}" for row in rows[head + 1 : end]]
+    table = tmp_path / "further.txt"
     table.write_text("\n".join(rows))
 
     def change(made):
-        made["columns"]["air_pressure_Pa"] = "Pressure"
-        made["units"] |= {"air_pressure_Pa": unit} if unit else {}
+        made["columns"][meaning] = "Further"
+        made["units"] |= {meaning: unit} if unit else {}
 
     return table, by(written(tmp_path, "step_diagonal_stops", change))
 
@@ -123,14 +123,21 @@ def with_air(tmp_path, pressure, unit=None):
     [(101250, None, 101250.0), (1012.5, "hPa", 101250.0), (760, "mmHg", 101325.0)],
 )
 def test_the_pressure_of_a_column_has_its_unit(tmp_path, pressure, unit, pascal):
-    _, made = read_file(*with_air(tmp_path, pressure, unit))
+    _, made = read_file(*with_column(tmp_path, "air_pressure_Pa", pressure, unit))
     for line in made.lines:
         assert line.environment[:, 1] == pytest.approx(pascal, rel=1e-6)
 
 
 def test_a_pressure_that_no_air_has_is_refused_with_the_key_of_its_unit(tmp_path):
-    with refused(TableError, "out_of_range", "Pressure", "1012.5", "air_pressure_Pa", "hPa"):
-        read_file(*with_air(tmp_path, 1012.5))
+    with refused(TableError, "out_of_range", "Further", "1012.5", "air_pressure_Pa", "hPa"):
+        read_file(*with_column(tmp_path, "air_pressure_Pa", 1012.5))
+
+
+def test_a_column_states_the_overrun_of_step_diagonals_too(tmp_path):
+    _, made = read_file(*with_column(tmp_path, "overrun", 2, "mm"))
+    assert {line.overrun for line in made.lines} == {0.002}
+    with refused(TableError, "out_of_range", "overrun", "2 m"):
+        read_file(*with_column(tmp_path, "overrun", 2, "m"))
 
 
 def test_a_unit_without_a_column_is_refused(tmp_path):
