@@ -108,16 +108,19 @@ class MeasuringSession:
                 if not _is_measuring(operator.last_state):
                     raise
                 self._tell(RunNews(str(error)))
-                self._abort(operator)
+                self._abort(operator, processes)
                 raise RunFailed(
                     "a node has ended, and the run with it: start the cell and the run again. If"
                     " the bag is cut off, 'stepdiag recover' saves what was measured",
                     fault="stopped",
                 ) from None
 
-    def _abort(self, operator: "OperatorNode") -> None:
-        """End the run before its nodes end, so that its client receives a result."""
-        if not operator.sequencer:
+    def _abort(self, operator: "OperatorNode", processes: Processes) -> None:
+        """End the run before its nodes end, so that its client receives a result.
+
+        A sequencer that has ended itself is not asked: nobody would answer.
+        """
+        if not operator.sequencer or "sequencer" in processes.ended():
             return
         self._tell(RunNews("the run is aborted"))
         with suppress(ValueError):
