@@ -1,0 +1,20 @@
+"""A wrong reading in words, as somebody looks for it in a table."""
+
+from dataclasses import replace
+
+from cells_for_tests import make_cell, make_plan
+
+from stepdiag_ros.metrology.discrepancy import diagnose
+from stepdiag_ros.metrology.simulation import simulate
+
+
+def test_the_size_of_a_wrong_reading_has_no_exponent():
+    plan = make_plan(repeats=2, directions=("forward", "backward"))
+    run = simulate(plan, make_cell(), seed=1)
+    first = run.lines[0]
+    displacement = first.displacement.copy()
+    displacement[3] += 900e-6
+    lines = (replace(first, displacement=displacement), *run.lines[1:])
+    found = diagnose(replace(run, lines=lines))
+    (which,) = found.wrong_readings
+    assert f"{which} is off by about +900 µm" in found.sentence
