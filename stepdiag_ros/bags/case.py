@@ -12,7 +12,7 @@ from stepdiag_ros.bags.errors import TableError
 from stepdiag_ros.metrology.checking import UNKNOWN, Section
 from stepdiag_ros.metrology.geometry import AXES, CHAINS
 from stepdiag_ros.metrology.machine import told_rotations
-from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, Volume
+from stepdiag_ros.metrology.plan import BOX_KEYS, COURSE_KEYS, LARGEST_OVERRUN, Volume
 from stepdiag_ros.metrology.plausible import ORDINARY, ROTATIONS_KEY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal, fields_of
 from stepdiag_ros.text.intake import parse_yaml
@@ -164,7 +164,7 @@ def case_of(mapping: Any, source: str, text: str = "") -> Case:
     unknown = float("nan")
     # What the plan's own reader checks later is checked here where the case itself builds on it.
     section.flag("one_alignment_per_diagonal", default=False)
-    section.number("overrun_m", low=0.0, high=1.0, default=0.0)
+    section.number("overrun_m", low=0.0, high=LARGEST_OVERRUN, default=0.0)
     made = Case(
         chain=_chain(section, mapping),
         rotations=told_rotations(section),

@@ -73,7 +73,12 @@ class PlannedLines(NamedTuple):
 
 
 def planned_lines(
-    name: str, rows: list[TableRow], case: Case, overrun: float, source: str
+    name: str,
+    rows: list[TableRow],
+    case: Case,
+    overrun: float,
+    source: str,
+    step_overrun: float = 0.0,
 ) -> PlannedLines:
     """Return the lines in the rows of a table, and the plan that they were measured by.
 
@@ -84,6 +89,7 @@ def planned_lines(
         overrun: how far beyond its first stop each line but a step diagonal was begun, m; NaN if
             that is not known. A column of the table goes before it.
         source: of the table, for the text of an error.
+        step_overrun: the same of step diagonals, along the diagonal.
 
     Raises:
         TableError: rows contradict each other, the box or the plan, or the case says something of
@@ -103,7 +109,12 @@ def planned_lines(
         _places_in_plan(found, plan, source) if told else _places_in_groups(groups, found, source)
     )
     lines = tuple(
-        _measured(one, place, case.reading_noise, overrun)
+        _measured(
+            one,
+            place,
+            case.reading_noise,
+            step_overrun if one.line.kind == STEP_DIAGONAL else overrun,
+        )
         for one, place in zip(found, places, strict=True)
     )
     return PlannedLines(plan, yaml_text(mapping), lines, len(setups))
@@ -118,7 +129,6 @@ def _plan(mapping: Mapping[str, Any], case: Case) -> Plan:
 
 def _measured(one: _Pass, index: int, reading_noise: float, overrun: float) -> MeasuredLine:
     told, stops = one.stops[0].told, one.stops
-    begun = 0.0 if one.line.kind == STEP_DIAGONAL else overrun
     return MeasuredLine(
         line=one.line,
         line_index=index,
@@ -135,7 +145,7 @@ def _measured(one: _Pass, index: int, reading_noise: float, overrun: float) -> M
             ]
         ),
         environment=np.array([row.environment for row in stops], dtype=np.float64),
-        overrun=begun if told.overrun is None else told.overrun,
+        overrun=overrun if told.overrun is None else told.overrun,
     )
 
 

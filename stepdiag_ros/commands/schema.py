@@ -7,7 +7,6 @@ from pathlib import Path
 from stepdiag_ros import resources, schemas
 from stepdiag_ros.commands.arguments import Command, Group, no_such
 from stepdiag_ros.metrology.spelling import nearest
-from stepdiag_ros.topics import TOPICS
 
 _EXAMPLES = """\
 examples:
@@ -43,6 +42,8 @@ def run(arguments: Namespace) -> int:
 
 def _known(name: str) -> str:
     # Looked up only here: other commands start without it.
+    from stepdiag_ros.topics import TOPICS
+
     known = [*schemas.VERSIONS, *_interfaces()]
     if name in known:
         return name

@@ -70,6 +70,8 @@ HOLD = "hold"
 LEAVE = "leave"
 FORWARD = "forward"
 BACKWARD = "backward"
+LARGEST_OVERRUN = 1.0
+"""m, by which a pass may begin beyond its first stop."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,11 @@ class Line:
     def setup(self) -> str:
         """Return the identity of the alignment and zero that the line shares with others."""
         return self._words + _at(self.offset) + self.mount
+
+    @property
+    def sense(self) -> float:
+        """Return 1 of a forward pass and -1 of a backward one."""
+        return 1.0 if self.direction == FORWARD else -1.0
 
     @property
     def mount(self) -> str:
@@ -330,8 +337,7 @@ class Plan:
             return None
         if line.tracked is not None:
             return line.tracked.run_up(line.direction == FORWARD)
-        sense = 1.0 if line.direction == FORWARD else -1.0
-        along = sense * beam_direction(line.name, np.asarray(self.volume.step))
+        along = line.sense * beam_direction(line.name, np.asarray(self.volume.step))
         place: Vector = line.stops(self.volume)[0] - overrun * along
         return place
 
@@ -418,7 +424,9 @@ class Plan:
             one_alignment_per_diagonal=of(
                 lambda: plan.flag("one_alignment_per_diagonal", default=False), False
             ),
-            overrun=of(lambda: plan.number("overrun_m", low=0.0, high=1.0, default=0.0), 0.0),
+            overrun=of(
+                lambda: plan.number("overrun_m", low=0.0, high=LARGEST_OVERRUN, default=0.0), 0.0
+            ),
             tracker=None
             if told is None
             else of(lambda: Tracker.from_mapping(told, f"{source}: tracker"), None),

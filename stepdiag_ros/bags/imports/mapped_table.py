@@ -18,7 +18,6 @@ from stepdiag_ros.bags.imports.mapping import (
     AIR_UNITS,
     AXIS,
     DELIMITERS,
-    LARGEST_OVERRUN,
     LINES,
     READINGS,
     TableMapping,
@@ -40,9 +39,9 @@ from stepdiag_ros.metrology.measurement import Environment, Reading
 from stepdiag_ros.metrology.plan import (
     DIAGONAL,
     FORWARD,
+    LARGEST_OVERRUN,
     LINE_NAMES,
     LINEAR,
-    STEP_DIAGONAL,
     Line,
     Volume,
     kind_of,
@@ -327,8 +326,8 @@ class _Numbers:
             )
         return value
 
-    def told(self, cells: _Cells, kind: str) -> PassColumns:
-        """Return what columns state about the whole pass of a kind of line."""
+    def told(self, cells: _Cells) -> PassColumns:
+        """Return what columns state about the whole pass."""
         attempt = None
         if "attempt" in cells.texts:
             what = f"'{self._mapping.columns['attempt']}'"
@@ -336,16 +335,12 @@ class _Numbers:
         return PassColumns(
             attempt=attempt,
             setup=cells.texts.get("setup"),
-            overrun=self.overrun(cells, kind),
+            overrun=self.overrun(cells),
         )
 
-    def overrun(self, cells: _Cells, kind: str) -> float | None:
-        """Return how far beyond its first stop a pass was begun, m; None where nothing says it."""
+    def overrun(self, cells: _Cells) -> float | None:
+        """Return how far beyond its first stop a pass was begun, m; None without such a column."""
         told = self.known(cells, "overrun")
-        if told is None and kind == STEP_DIAGONAL:
-            # An overrun of the lines along an axis says nothing of them; that there is none, does.
-            step, other = self._mapping.step_overrun, self._mapping.overrun
-            return step if math.isfinite(step) or other else other
         if told is not None and told > LARGEST_OVERRUN:
             raise refusal(
                 self._source,
@@ -419,7 +414,7 @@ def _lines(
 ) -> Imported:
     volume = mapping.volume
     assert volume is not None, "a mapping of lines has a volume"
-    told = list(_stops(source, rows, replace(mapping, overrun=overrun), volume))
+    told = list(_stops(source, rows, mapping, volume))
     begun = {"overrun_m": overrun} if math.isfinite(overrun) else {}
     course = {**mapping.plan, **begun}
     case = Case(
@@ -430,7 +425,11 @@ def _lines(
         facts=facts,
         source="the mapping file",
     )
-    found = planned_lines(f"imported from {source}", told, case, overrun, source)
+    of_steps = mapping.step_overrun
+    if math.isnan(of_steps) and overrun == 0.0:
+        # An overrun of the lines along an axis says nothing of steps; that there is none, does.
+        of_steps = 0.0
+    found = planned_lines(f"imported from {source}", told, case, overrun, source, of_steps)
     untold = math.isnan(overrun) and any(math.isnan(line.overrun) for line in found.lines)
     return Imported(
         format=NAME,
@@ -523,7 +522,7 @@ def _stops(
             position=(x, y, z),
             reading=reading,
             environment=numbers.environment(cells),
-            told=numbers.told(cells, which.kind),
+            told=numbers.told(cells),
             standard_uncertainty=numbers.known(cells, "uncertainty"),
             run=numbers.run(cells) if "run" in cells.texts else None,
         )

@@ -11,15 +11,20 @@ from stepdiag_ros.metrology.checking import Section
 from stepdiag_ros.metrology.geometry import AXES, STEP_ORDERS
 from stepdiag_ros.metrology.machine import told_rotations
 from stepdiag_ros.metrology.measurement import Environment
-from stepdiag_ros.metrology.plan import BACKWARD, COURSE_KEYS, FORWARD, LINE_NAMES, Volume
+from stepdiag_ros.metrology.plan import (
+    BACKWARD,
+    COURSE_KEYS,
+    FORWARD,
+    LARGEST_OVERRUN,
+    LINE_NAMES,
+    Volume,
+)
 from stepdiag_ros.metrology.refusal import Refusal
 
 AXIS, LINES, READINGS = "axis", "lines", "readings"
 TABLES = (AXIS, LINES, READINGS)
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 25.4e-3}
-LARGEST_OVERRUN = 1.0
-"""m, by which a pass may begin beyond its first stop."""
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
 _TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)}
 AIR_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {

@@ -254,11 +254,13 @@ def _approaches(stops: Stops) -> Vector:
     such a stop depends on whether the axis turned round there, so it says nothing of either.
     """
     rows = np.flatnonzero(~stops.approach_told)
+    _, begins = np.unique(stops.setup, return_index=True)
+    opening = stops.pass_index[begins]
     kinds: dict[tuple[int, str, bool, int], list[int]] = {}
     for row in rows:
         line, setup = stops.lines[stops.pass_index[row]], int(stops.setup[row])
-        first = int(stops.pass_index[np.flatnonzero(stops.setup == setup)[0]])
-        kind = (setup, line.direction, stops.pass_index[row] == first, int(stops.number[row]))
+        opens = bool(stops.pass_index[row] == opening[setup])
+        kind = (setup, line.direction, opens, int(stops.number[row]))
         kinds.setdefault(kind, []).append(int(row))
     columns = np.zeros((len(stops.time), len(kinds)))
     for column, alike in enumerate(kinds.values()):

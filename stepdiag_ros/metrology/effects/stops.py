@@ -208,8 +208,7 @@ def _way(line: MeasuredLine, measurement: Measurement) -> Vector:
     if line.overrun > 0.0 and len(way) > 1:
         along = way[1] / np.linalg.norm(way[1])
         if line.line.kind == STEP_DIAGONAL:
-            sense = 1.0 if line.line.direction == FORWARD else -1.0
-            along = sense * _direction(line, measurement)
+            along = line.line.sense * _direction(line, measurement)
         way[0] = line.overrun * along
     return way
 

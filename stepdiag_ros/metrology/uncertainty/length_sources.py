@@ -36,7 +36,11 @@ from stepdiag_ros.metrology.units import IN_MICRO
 
 REFERENCE_AIR = (20.0, 101325.0, 0.5)
 """degC, Pa, 0..1: where the derivatives of the index are taken if the air was not recorded."""
-_AIR = {"air temperature": "20 degC", "air pressure": "1013.25 hPa", "humidity": "50 %"}
+_AIR = {
+    "air temperature": f"{REFERENCE_AIR[0]:g} degC",
+    "air pressure": f"{REFERENCE_AIR[1] / 100.0:g} hPa",
+    "humidity": f"{100.0 * REFERENCE_AIR[2]:g} %",
+}
 """Quantities of the air, with ``REFERENCE_AIR`` in words."""
 CO2_EFFECT = 1.44e-4
 """Change of n with the mole fraction of CO2: (n - 1)·0.534 (Ciddor 1996, eq. 2)."""

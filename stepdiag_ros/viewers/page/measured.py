@@ -245,8 +245,8 @@ class BlockSection(PageSection):
             else {
                 "block": last.block,
                 "axis": last.axis,
-                "displacement_m": _forward(last) * last.displacement,
-                "displacement": measured(_forward(last) * last.displacement, "mm", 5, IN_MILLI),
+                "displacement_m": last.line.sense * last.displacement,
+                "displacement": measured(last.line.sense * last.displacement, "mm", 5, IN_MILLI),
                 "deviation": micrometres(
                     _deviation(last), COVERAGE_FACTOR * last.standard_uncertainty
                 ),
@@ -266,15 +266,10 @@ class BlockSection(PageSection):
         ]
 
 
-def _forward(block: BlockDisplacement) -> float:
-    """Return the sign that counts a block forward along its line, in whichever sense it was."""
-    return 1.0 if block.line.direction == FORWARD else -1.0
-
-
 def _deviation(block: BlockDisplacement) -> float:
     if block.line.kind == TRACKER:
         return math.nan  # its nominal displacement is from a rough place of the tracker
-    return _forward(block) * (block.displacement - block.nominal_displacement)
+    return block.line.sense * (block.displacement - block.nominal_displacement)
 
 
 class WeatherSection(PageSection):
