@@ -3,7 +3,7 @@
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import metres, number, say, warn
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.refusal import Findings
     from stepdiag_ros.planning.assessment import Assessment
     from stepdiag_ros.planning.duration import Assumptions
+    from stepdiag_ros.planning.nc_writing import Dialect
     from stepdiag_ros.planning.offers import StopNoise
     from stepdiag_ros.planning.proposal import PlanProposal
     from stepdiag_ros.planning.request import Request
@@ -295,7 +296,8 @@ def run(arguments: Namespace) -> int:
     noise = findings.of(lambda: _noise(arguments), StopNoise(1e-6, 0.0))
     assumptions = findings.of(lambda: _assumptions(arguments), Assumptions())
     proposal: PlanProposal | None = None
-    stem = Path(arguments.check or "")
+    names = _names(arguments)
+    findings.of(lambda: _refuse_outputs(names, arguments), None)
     if arguments.check is not None:
         plan = findings.of(lambda: _standing_plan(arguments.check), None)
         findings.refuse()
@@ -308,12 +310,11 @@ def run(arguments: Namespace) -> int:
         findings.refuse()
         proposal = propose(request)
         plan = proposal.chosen.plan
-        stem = arguments.output or Path(f"{arguments.purpose}_plan.yaml")
     assert machine is not None
     assert plan is not None
     stops = noise_of_stops(plan, machine, noise, _streams(arguments, noise), assumptions)
     assessment = assess(plan, machine, stops, assumptions)
-    files = _files(arguments, assessment, proposal, stem)
+    files = _files(arguments, assessment, proposal, names)
     # Refused before anything is printed: the user must not take the plan for written.
     write_new(files, arguments.force)
     if arguments.json:
@@ -469,8 +470,52 @@ def _request(
     )
 
 
+class _Names(NamedTuple):
+    """The files that were asked for, None those that were not; ``plan`` may only be a name."""
+
+    plan: Path
+    picture: Path | None
+    table: Path | None
+    program: Path | None
+
+
+def _names(arguments: Namespace) -> _Names:
+    if arguments.check is not None:
+        plan = Path(arguments.check)
+    else:
+        plan = arguments.output or Path(f"{arguments.purpose}_plan.yaml")
+    picture, table, program = arguments.picture, arguments.table, arguments.nc
+    if picture is None and arguments.check is None and not arguments.no_picture:
+        picture = plan.with_suffix(".png")
+    if table == Path():
+        table = plan.with_name(f"{plan.stem}_readings.csv")
+    if program == Path():
+        program = plan.with_suffix(".nc")
+    return _Names(plan, picture, table, program)
+
+
+def _refuse_outputs(names: _Names, arguments: Namespace) -> None:
+    """Refuse, before any work, what could not be written after it.
+
+    Raises:
+        ValueError: no format of a picture, a program that cannot be written so, a file that is
+            there already, or no folder.
+    """
+    from stepdiag_ros.report.plan_files import check_new, format_of
+
+    if names.picture is not None:
+        format_of(names.picture)
+    if names.program is not None:
+        _dialect(arguments)
+    made = names if arguments.check is None else names[1:]
+    check_new((path for path in made if path is not None), arguments.force)
+
+
 def _files(
-    arguments: Namespace, assessment: "Assessment", proposal: "PlanProposal | None", stem: Path
+    arguments: Namespace,
+    assessment: "Assessment",
+    proposal: "PlanProposal | None",
+    names: _Names,
 ) -> "dict[Path, bytes]":
     """Return the content of every file that is to be written.
 
@@ -478,7 +523,7 @@ def _files(
         arguments: of the command.
         assessment: of the plan.
         proposal: None if the plan was there before.
-        stem: file of the plan, or its name.
+        names: of the files.
     """
     from stepdiag_ros.planning.plan_text import plan_text
     from stepdiag_ros.planning.reading_table import reading_table, table_mapping
@@ -486,17 +531,12 @@ def _files(
     from stepdiag_ros.report.tables.plan import head_of_plan
 
     files: dict[Path, bytes] = {}
-    picture = arguments.picture
+    picture, table = names.picture, names.table
     if proposal is not None:
         text = plan_text(assessment.plan, head_of_plan(assessment, proposal))
-        files[stem] = text.encode("utf-8")
-        if picture is None and not arguments.no_picture:
-            picture = stem.with_suffix(".png")
-    table = arguments.table
-    if table == Path():
-        table = stem.with_name(f"{stem.stem}_readings.csv")
-    if arguments.nc is not None:
-        files |= _program(arguments, assessment, stem, table)
+        files[names.plan] = text.encode("utf-8")
+    if names.program is not None:
+        files |= _program(arguments, assessment, names, names.program)
     if table is not None:
         files[table] = reading_table(assessment.plan).encode("utf-8")
         mapping = table_mapping(assessment.plan, assessment.machine)
@@ -509,27 +549,32 @@ def _files(
     return files
 
 
-def _program(
-    arguments: Namespace, assessment: "Assessment", stem: Path, table: Path | None
-) -> "dict[Path, bytes]":
-    """Return the NC program of a plan and the operator's sheet."""
-    from stepdiag_ros.planning.moves import program_of
+def _dialect(arguments: Namespace) -> "Dialect":
+    """Return how the program is to be written; ValueError: no control reads it."""
     from stepdiag_ros.planning.nc_writing import Dialect
-    from stepdiag_ros.planning.operator_sheet import operator_sheet
 
-    dialect = Dialect(
+    return Dialect(
         dwell=arguments.nc_dwell,
         decimals=arguments.nc_decimals,
         percent=not arguments.nc_no_percent,
         program_number=arguments.nc_number,
         line_numbers=arguments.nc_line_numbers,
     )
-    path = stem.with_suffix(".nc") if arguments.nc == Path() else arguments.nc
+
+
+def _program(
+    arguments: Namespace, assessment: "Assessment", names: _Names, path: Path
+) -> "dict[Path, bytes]":
+    """Return the NC program of a plan and the operator's sheet."""
+    from stepdiag_ros.planning.moves import program_of
+    from stepdiag_ros.planning.operator_sheet import operator_sheet
+
+    dialect, table = _dialect(arguments), names.table
     sheet = operator_sheet(
         assessment.plan,
         assessment.machine,
         path.name,
-        str(stem),
+        str(names.plan),
         assessment.duration.assumptions,
         "" if table is None else table.name,
     )

@@ -64,8 +64,7 @@ class Dialect:
     Attributes:
         dwell: how a dwell is written, a key of ``DWELL_FORMS``. The default, P in ms, is the one
             that fails safely: P is not an axis on any controller, and a controller that takes it
-                for
-            seconds waits too long instead of too short.
+            for seconds waits too long instead of too short.
         decimals: of positions in mm, 3 to 6; 4 is a tenth of a micrometre.
         percent: the program stands between two lines ``%``, as for transfer to a controller.
         program_number: O-number, 1 to 9999; None for none.

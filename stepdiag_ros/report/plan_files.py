@@ -1,7 +1,7 @@
 """Writes the files of a plan: all of them or none, and never over one that is there."""
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,12 +47,18 @@ def frontier_bytes(proposal: PlanProposal, path: Path) -> bytes:
 
 def drawn(draw: "Callable[[], Figure]", path: Path) -> bytes:
     """Return a picture in the format of a path's ending; see ``picture_bytes``."""
-    ending = path.suffix.lstrip(".")
-    if ending not in PICTURE_FORMATS:
-        raise ValueError(f"{path}: pictures are written as .{', .'.join(PICTURE_FORMATS)}")
+    ending = format_of(path)
     stream = io.BytesIO()
     draw().savefig(stream, format=ending)
     return stream.getvalue()
+
+
+def format_of(picture: Path) -> str:
+    """Return the format of a picture by the ending of its path; see ``picture_bytes``."""
+    ending = picture.suffix.lstrip(".")
+    if ending not in PICTURE_FORMATS:
+        raise ValueError(f"{picture}: pictures are written as .{', .'.join(PICTURE_FORMATS)}")
+    return ending
 
 
 def write_new(files: Mapping[Path, bytes], overwrite: bool) -> None:
@@ -66,13 +72,22 @@ def write_new(files: Mapping[Path, bytes], overwrite: bool) -> None:
         ValueError: a file is there already, or its folder is not.
         OSError: a file cannot be written.
     """
-    for path in files:
+    check_new(files, overwrite)
+    for path, content in files.items():
+        with whole_file(path) as partial:
+            partial.write_bytes(content)
+
+
+def check_new(paths: Iterable[Path], overwrite: bool) -> None:
+    """Refuse files that ``write_new`` would refuse.
+
+    Raises:
+        ValueError: a file is there already, or its folder is not.
+    """
+    for path in paths:
         if path.is_dir():
             raise ValueError(f"{path} is a folder; name a file")
         if path.exists() and not overwrite:
             raise ValueError(f"{path} is there already; name another file, or overwrite by --force")
         if not path.parent.is_dir():
             raise ValueError(f"there is no folder {path.parent}; make it first")
-    for path, content in files.items():
-        with whole_file(path) as partial:
-            partial.write_bytes(content)

@@ -195,6 +195,26 @@ def test_a_wrong_request_is_one_sentence_and_no_file(folder, capsys, arguments, 
 
 
 @pytest.mark.parametrize(
+    "output",
+    [
+        ["--output", "no/p.yaml"],
+        ["--picture", "p.gif"],
+        ["--nc", "--nc-decimals", "9"],
+        ["--output", "there.yaml"],
+        ["--table", "no/readings.csv"],
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_any_planning(folder, capsys, monkeypatch, output):
+    planned = []
+    monkeypatch.setattr("stepdiag_ros.planning.proposal.propose", planned.append)
+    (folder / "there.yaml").write_text("mine")
+    assert cli.main(["plan", "--for", "quick", "--machine", "demo", *output]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert planned == []
+    assert [path.name for path in folder.iterdir()] == ["there.yaml"]
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         [],
