@@ -480,10 +480,15 @@ class _Names(NamedTuple):
 
 
 def _names(arguments: Namespace) -> _Names:
+    """Return the names of the files; Refusal: that of the plan is empty."""
+    from stepdiag_ros.metrology.refusal import Refusal
+
     if arguments.check is not None:
         plan = Path(arguments.check)
     else:
         plan = arguments.output or Path(f"{arguments.purpose}_plan.yaml")
+    if not plan.name:
+        raise Refusal(f"{plan} is a folder; name a file", fault="mismatch")
     picture, table, program = arguments.picture, arguments.table, arguments.nc
     if picture is None and arguments.check is None and not arguments.no_picture:
         picture = plan.with_suffix(".png")

@@ -198,6 +198,7 @@ def test_a_wrong_request_is_one_sentence_and_no_file(folder, capsys, arguments, 
     "output",
     [
         ["--output", "no/p.yaml"],
+        ["--output", "."],
         ["--picture", "p.gif"],
         ["--nc", "--nc-decimals", "9"],
         ["--output", "there.yaml"],
