@@ -9,12 +9,16 @@ from stepdiag_ros.metrology.discrepancy import diagnose
 from stepdiag_ros.metrology.simulation import simulate
 
 
+@pytest.fixture(scope="module")
+def run():
+    plan = make_plan(repeats=2, directions=("forward", "backward"))
+    return simulate(plan, make_cell(), seed=1)
+
+
 @pytest.mark.parametrize(
     ("size", "words"), [(900e-6, "+900 µm"), (-90e-6, "-90 µm"), (1.5e-3, "+1500 µm")]
 )
-def test_the_size_of_a_wrong_reading_has_no_exponent(size, words):
-    plan = make_plan(repeats=2, directions=("forward", "backward"))
-    run = simulate(plan, make_cell(), seed=1)
+def test_the_size_of_a_wrong_reading_has_no_exponent(run, size, words):
     first = run.lines[0]
     displacement = first.displacement.copy()
     displacement[3] += size
