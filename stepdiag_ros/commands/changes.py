@@ -186,7 +186,7 @@ def _refuse_the_same(before: _Solved, after: _Solved) -> None:
 def _write(report: "ChangesReport", arguments: Namespace) -> None:
     """Write the page and what it is made of, each file whole or not at all."""
     from stepdiag_ros.report.documents.changes import changes_json
-    from stepdiag_ros.report.publish import make_folder, whole_file, without_trailing_blanks
+    from stepdiag_ros.report.files import make_folder, whole_file, without_trailing_blanks
     from stepdiag_ros.report.tables.changes import print_changes
     from stepdiag_ros.text.console import make_console
 

@@ -377,7 +377,8 @@ def _write(
     """Write all files or none: into a folder beside, which then takes the name."""
     from tempfile import TemporaryDirectory
 
-    from stepdiag_ros.report.publish import make_folder, write_results
+    from stepdiag_ros.report.files import make_folder
+    from stepdiag_ros.report.publish import write_results
 
     def draw() -> "dict[str, Picture]":
         from stepdiag_ros.plots.files.compensation import draw_compensation

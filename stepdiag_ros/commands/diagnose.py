@@ -411,7 +411,7 @@ def _warn_if_incomplete(path: Path, recorded: "RecordedRun", measurement: "Measu
 def _plan_written(report: "DiagnosisReport", arguments: Namespace) -> "DiagnosisReport":
     """Write the extra plan, if there is one."""
     from stepdiag_ros.planning.separation import proposal_text
-    from stepdiag_ros.report.publish import whole_file
+    from stepdiag_ros.report.files import whole_file
 
     if report.proposal is None or report.proposal.plan is None:
         return report
@@ -426,7 +426,7 @@ def _written(report: "DiagnosisReport", path: Path) -> "DiagnosisReport":
     """Write the extended model, if there is one."""
     import yaml
 
-    from stepdiag_ros.report.publish import whole_file
+    from stepdiag_ros.report.files import whole_file
 
     if report.extended is None:
         return report

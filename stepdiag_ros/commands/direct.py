@@ -76,7 +76,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.bags.imports.renishaw_direct import UNITS, FileFacts, read_direct_test
     from stepdiag_ros.bags.imports.source import read_source
     from stepdiag_ros.metrology.direct import DirectPlace, direct_text
-    from stepdiag_ros.report.publish import whole_file
+    from stepdiag_ros.report.files import whole_file
 
     def point(given: "list[float] | None", untold: float) -> tuple[float, float, float]:
         x, y, z = [untold] * 3 if given is None else [MILLI * value for value in given]

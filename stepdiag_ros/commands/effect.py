@@ -77,7 +77,7 @@ def run(arguments: Namespace) -> int:
     """
     from stepdiag_ros.metrology.effects import catalogue
     from stepdiag_ros.report.effect_package import checked_name, package_of
-    from stepdiag_ros.report.publish import make_folder, whole_file
+    from stepdiag_ros.report.files import make_folder, whole_file
 
     known = catalogue()
     module = checked_name(arguments.name, known)

@@ -36,8 +36,8 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.archive.fleet import fleet
     from stepdiag_ros.archive.place import Place
     from stepdiag_ros.report.documents.fleet import fleet_json
+    from stepdiag_ros.report.files import write_new
     from stepdiag_ros.report.pages.fleet import fleet_page
-    from stepdiag_ros.report.plan_files import write_new
     from stepdiag_ros.words.fleet import headline
 
     output = arguments.output or (None if arguments.json else Path("fleet.html"))

@@ -36,13 +36,17 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.archive.catalogue import Catalogue
     from stepdiag_ros.archive.histories import histories, machine_urgency
     from stepdiag_ros.archive.place import Place
+    from stepdiag_ros.plots.formats import format_of
     from stepdiag_ros.report.documents.trends import trends_document
-    from stepdiag_ros.report.plan_files import drawn, write_new
+    from stepdiag_ros.report.files import check_new, write_new
     from stepdiag_ros.report.tables.trends import print_machine, print_machines
     from stepdiag_ros.text.console import make_console
 
-    if arguments.picture is not None and not arguments.machine:
-        raise ValueError("--picture draws one machine: name it after PLACE")
+    if arguments.picture is not None:
+        if not arguments.machine:
+            raise ValueError("--picture draws one machine: name it after PLACE")
+        picture_format = format_of(arguments.picture)
+        check_new([arguments.picture], arguments.force)
     place = Place(arguments.place)
     with Catalogue(place) as catalogue:
         machines = sorted(histories(catalogue, arguments.machine), key=machine_urgency)
@@ -52,7 +56,9 @@ def run(arguments: Namespace) -> int:
             " shows what it has"
         )
     if arguments.picture is not None:
-        content = drawn(lambda: plots.years_of_machine(machines[0]), arguments.picture)
+        from stepdiag_ros.plots.saving import file_bytes
+
+        content = file_bytes(plots.years_of_machine(machines[0]), picture_format)
         write_new({arguments.picture: content}, arguments.force)
         say(f"picture in {arguments.picture}")
     if arguments.json:

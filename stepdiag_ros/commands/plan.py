@@ -3,7 +3,7 @@
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import metres, number, say, warn
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from stepdiag_ros.metrology.on_the_fly.expected import Streams
     from stepdiag_ros.metrology.plan import Plan, Sampling
     from stepdiag_ros.metrology.refusal import Findings
-    from stepdiag_ros.planning.assessment import Assessment
     from stepdiag_ros.planning.duration import Assumptions
     from stepdiag_ros.planning.nc_writing import Dialect
     from stepdiag_ros.planning.offers import StopNoise
     from stepdiag_ros.planning.proposal import PlanProposal
     from stepdiag_ros.planning.request import Request
+    from stepdiag_ros.report.plan_files import PlanFiles
 
 # Not taken from planning, whose numerics every start of the command line would wait for.
 PURPOSES = ("squareness", "straightness", "volumetric", "angular", "iso230-2", "iso230-6", "quick")
@@ -286,7 +286,8 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.planning.offers import StopNoise, noise_of_stops
     from stepdiag_ros.planning.proposal import check_request, propose
     from stepdiag_ros.report.documents.plan import assessment_json
-    from stepdiag_ros.report.plan_files import write_new
+    from stepdiag_ros.report.files import write_new
+    from stepdiag_ros.report.plan_files import contents
     from stepdiag_ros.report.tables.plan import print_assessment
     from stepdiag_ros.text.console import make_console
 
@@ -296,8 +297,7 @@ def run(arguments: Namespace) -> int:
     noise = findings.of(lambda: _noise(arguments), StopNoise(1e-6, 0.0))
     assumptions = findings.of(lambda: _assumptions(arguments), Assumptions())
     proposal: PlanProposal | None = None
-    names = _names(arguments)
-    findings.of(lambda: _refuse_outputs(names, arguments), None)
+    files = findings.of(lambda: _files(arguments), None)
     if arguments.check is not None:
         plan = findings.of(lambda: _standing_plan(arguments.check), None)
         findings.refuse()
@@ -312,19 +312,20 @@ def run(arguments: Namespace) -> int:
         plan = proposal.chosen.plan
     assert machine is not None
     assert plan is not None
+    assert files is not None
     stops = noise_of_stops(plan, machine, noise, _streams(arguments, noise), assumptions)
     assessment = assess(plan, machine, stops, assumptions)
-    files = _files(arguments, assessment, proposal, names)
+    written = contents(files, assessment, proposal)
     # Refused before anything is printed: the user must not take the plan for written.
-    write_new(files, arguments.force)
+    write_new(written, arguments.force)
     if arguments.json:
         print(assessment_json(assessment, proposal))
     else:
         print_assessment(assessment, make_console(sys.stdout), proposal)
     if assessment.undetermined.names:
         warn(assessment.undetermined.sentence)
-    if files:
-        say(f"wrote {', '.join(str(path) for path in files)}")
+    if written:
+        say(f"wrote {', '.join(str(path) for path in written)}")
     return 0
 
 
@@ -470,87 +471,24 @@ def _request(
     )
 
 
-class _Names(NamedTuple):
-    """The files that were asked for, None those that were not; ``plan`` may only be a name."""
-
-    plan: Path
-    picture: Path | None
-    table: Path | None
-    program: Path | None
-
-
-def _names(arguments: Namespace) -> _Names:
-    """Return the names of the files; Refusal: that of the plan is empty."""
+def _files(arguments: Namespace) -> "PlanFiles":
+    """Return which files are to be written; Refusal: they cannot be called or written so."""
     from stepdiag_ros.metrology.refusal import Refusal
+    from stepdiag_ros.report.plan_files import PlanFiles
 
-    if arguments.check is not None:
-        plan = Path(arguments.check)
-    else:
-        plan = arguments.output or Path(f"{arguments.purpose}_plan.yaml")
+    is_new = arguments.check is None
+    plan = arguments.output or Path(arguments.check or f"{arguments.purpose}_plan.yaml")
     if not plan.name:
         raise Refusal(f"{plan} is a folder; name a file", fault="mismatch")
     picture, table, program = arguments.picture, arguments.table, arguments.nc
-    if picture is None and arguments.check is None and not arguments.no_picture:
+    if picture is None and is_new and not arguments.no_picture:
         picture = plan.with_suffix(".png")
     if table == Path():
         table = plan.with_name(f"{plan.stem}_readings.csv")
     if program == Path():
         program = plan.with_suffix(".nc")
-    return _Names(plan, picture, table, program)
-
-
-def _refuse_outputs(names: _Names, arguments: Namespace) -> None:
-    """Refuse, before any work, what could not be written after it.
-
-    Raises:
-        ValueError: no format of a picture, a program that cannot be written so, a file that is
-            there already, or no folder.
-    """
-    from stepdiag_ros.report.plan_files import check_new, format_of
-
-    if names.picture is not None:
-        format_of(names.picture)
-    if names.program is not None:
-        _dialect(arguments)
-    made = names if arguments.check is None else names[1:]
-    check_new((path for path in made if path is not None), arguments.force)
-
-
-def _files(
-    arguments: Namespace,
-    assessment: "Assessment",
-    proposal: "PlanProposal | None",
-    names: _Names,
-) -> "dict[Path, bytes]":
-    """Return the content of every file that is to be written.
-
-    Args:
-        arguments: of the command.
-        assessment: of the plan.
-        proposal: None if the plan was there before.
-        names: of the files.
-    """
-    from stepdiag_ros.planning.plan_text import plan_text
-    from stepdiag_ros.planning.reading_table import reading_table, table_mapping
-    from stepdiag_ros.report.plan_files import frontier_bytes, picture_bytes
-    from stepdiag_ros.report.tables.plan import head_of_plan
-
-    files: dict[Path, bytes] = {}
-    picture, table = names.picture, names.table
-    if proposal is not None:
-        text = plan_text(assessment.plan, head_of_plan(assessment, proposal))
-        files[names.plan] = text.encode("utf-8")
-    if names.program is not None:
-        files |= _program(arguments, assessment, names, names.program)
-    if table is not None:
-        files[table] = reading_table(assessment.plan).encode("utf-8")
-        mapping = table_mapping(assessment.plan, assessment.machine)
-        files[table.with_suffix(".yaml")] = mapping.encode("utf-8")
-    if picture is not None:
-        files[picture] = picture_bytes(assessment.plan, assessment.machine, picture)
-        if proposal is not None and len(proposal.front) > 1:
-            beside = picture.with_stem(f"{picture.stem}_frontier")
-            files[beside] = frontier_bytes(proposal, beside)
+    files = PlanFiles(plan, is_new, picture, table, program, _dialect(arguments))
+    files.refuse_existing(arguments.force)
     return files
 
 
@@ -565,28 +503,6 @@ def _dialect(arguments: Namespace) -> "Dialect":
         program_number=arguments.nc_number,
         line_numbers=arguments.nc_line_numbers,
     )
-
-
-def _program(
-    arguments: Namespace, assessment: "Assessment", names: _Names, path: Path
-) -> "dict[Path, bytes]":
-    """Return the NC program of a plan and the operator's sheet."""
-    from stepdiag_ros.planning.moves import program_of
-    from stepdiag_ros.planning.operator_sheet import operator_sheet
-
-    dialect, table = _dialect(arguments), names.table
-    sheet = operator_sheet(
-        assessment.plan,
-        assessment.machine,
-        path.name,
-        str(names.plan),
-        assessment.duration.assumptions,
-        "" if table is None else table.name,
-    )
-    return {
-        path: program_of(assessment.plan, assessment.machine, dialect).encode("ascii"),
-        path.with_name(f"{path.stem}_sheet.txt"): sheet.encode("utf-8"),
-    }
 
 
 COMMAND = Command(

@@ -126,9 +126,9 @@ def _add_given(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Make the report; see the module."""
     from stepdiag_ros.report.certificate.administration import require
+    from stepdiag_ros.report.files import try_folder
     from stepdiag_ros.report.pages.build import FORMATS
     from stepdiag_ros.report.pages.sections import sections
-    from stepdiag_ros.report.publish import try_folder
     from stepdiag_ros.text.console import make_console
 
     # Those of other packages may be broken: better refused than found out after all work is done.

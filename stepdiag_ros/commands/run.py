@@ -151,7 +151,7 @@ def cell_nodes(arguments: argparse.Namespace) -> "tuple[list[NodeProcess], Path]
     from stepdiag_ros.compensation.generic import correction_from_file
     from stepdiag_ros.metrology.live_effects import check_measurable
     from stepdiag_ros.processes.cell import simulated_cell
-    from stepdiag_ros.report.publish import try_folder
+    from stepdiag_ros.report.files import try_folder
     from stepdiag_ros.run.feasibility import beyond_machine
 
     plan = str(configuration.find(arguments.plan, "plans"))

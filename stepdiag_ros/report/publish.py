@@ -1,19 +1,18 @@
 """Writes a report into a results folder: JSON, text and pictures."""
 
 import io
-import os
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from stepdiag_ros.evaluation.experiment import Experiment, experiment_of
 from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.plots.formats import PICTURE_FORMATS
 from stepdiag_ros.report.documents.experiment import experiment_json
 from stepdiag_ros.report.documents.run import report_json
+from stepdiag_ros.report.files import make_folder, whole_file, without_trailing_blanks
 from stepdiag_ros.report.tables.run import print_report
 from stepdiag_ros.text.console import make_console
 from stepdiag_ros.words.squareness import SignDefinition
@@ -21,8 +20,6 @@ from stepdiag_ros.words.squareness import SignDefinition
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
-_ELSEWHERE = "name another one with --output FOLDER"
-PICTURE_FORMATS = ("png", "svg", "pdf")
 _ENDINGS = (*PICTURE_FORMATS, "html")
 # The names stand here, not beside what draws them: matplotlib is slow to import.
 RUN_PICTURES = (
@@ -48,60 +45,6 @@ DIAGNOSIS_PICTURES = (
     ),
 )
 """Names of the page of a diagnosis and of all pictures of ``plots.files.diagnosis``."""
-
-
-def make_folder(folder: Path) -> Path:
-    """Make sure that a folder for results is there, and return it.
-
-    Raises:
-        ValueError: it cannot be made or written to; names the folder.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        raise ValueError(f"{folder} is a file; results need a folder") from None
-    except OSError as error:
-        raise ValueError(
-            f"the folder {folder} cannot be made: {error.strerror}; {_ELSEWHERE}"
-        ) from None
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise ValueError(f"the folder {folder} cannot be written to; {_ELSEWHERE}")
-    return folder
-
-
-def try_folder(folder: Path) -> None:
-    """Make sure, before any work, that results can be written; leave nothing behind.
-
-    Raises:
-        ValueError: the folder cannot be made or written to; names the folder.
-    """
-    made = [one for one in (folder, *folder.parents) if not one.exists()]
-    try:
-        make_folder(folder)
-        with TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise ValueError(
-            f"the folder {folder} cannot be written to: {error.strerror}; {_ELSEWHERE}"
-        ) from None
-    finally:
-        for one in made:
-            with suppress(OSError):
-                one.rmdir()
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Give a name to write to and rename it at the end: no half-written file is ever found."""
-    partial = path.with_name(f".partial-{path.name}")
-    try:
-        yield partial
-        partial.replace(path)
-    except OSError as error:
-        # A full disk is told without the name of any file.
-        raise OSError(error.errno, error.strerror, str(path)) from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def publish(
@@ -259,12 +202,6 @@ def write_results(
 
 def _tell_nobody(done: float, name: str) -> None:
     del done, name
-
-
-def without_trailing_blanks(text: str) -> str:
-    """Return a text without blanks at the ends of its lines, which line feeds alone end."""
-    # Not splitlines(): it would make a line break of a sign within a name or a JSON string.
-    return "".join(f"{line.rstrip()}\n" for line in io.StringIO(text))
 
 
 def experiment_texts(experiment: Experiment) -> dict[str, str]:

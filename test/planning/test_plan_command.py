@@ -203,16 +203,23 @@ def test_a_wrong_request_is_one_sentence_and_no_file(folder, capsys, arguments, 
         ["--nc", "--nc-decimals", "9"],
         ["--output", "there.yaml"],
         ["--table", "no/readings.csv"],
+        ["--table", "quick_plan.csv"],
+        ["--nc", "quick_plan.yaml"],
+        ["--nc", "there.nc"],
+        ["--table", "there.csv"],
+        ["--picture", "there.png"],
     ],
 )
 def test_what_cannot_be_written_is_refused_before_any_planning(folder, capsys, monkeypatch, output):
     planned = []
     monkeypatch.setattr("stepdiag_ros.planning.proposal.propose", planned.append)
-    (folder / "there.yaml").write_text("mine")
+    mine = {"there.yaml", "there_sheet.txt", "there_frontier.png"}
+    for name in mine:
+        (folder / name).write_text("mine")
     assert cli.main(["plan", "--for", "quick", "--machine", "demo", *output]) == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert planned == []
-    assert [path.name for path in folder.iterdir()] == ["there.yaml"]
+    assert {path.name: path.read_text() for path in folder.iterdir()} == dict.fromkeys(mine, "mine")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from stepdiag_ros import schemas
 from stepdiag_ros.metrology.geometry import AXES
+from stepdiag_ros.report.files import make_folder, whole_file
 from stepdiag_ros.report.pages.lead import ToleranceJudgement, judge, lead_of, what_to_do
 from stepdiag_ros.report.pages.material import Material
 from stepdiag_ros.report.pages.page import Lead, page
@@ -16,7 +17,6 @@ from stepdiag_ros.report.pages.pictures import Drawn, Studio
 from stepdiag_ros.report.pages.section import SectionContent, ToldSection
 from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.summary import DECISION_RULE, KEY, summary_chapter, summary_of
-from stepdiag_ros.report.publish import make_folder, whole_file
 
 TITLE = "Volumetric errors of a machine tool: report of a measurement"
 NAMES = {"html": "report.html", "pdf": "report.pdf", "json": "report.json"}

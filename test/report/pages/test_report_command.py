@@ -38,11 +38,11 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.uncertainty.largest_error import budget_of_largest_error
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report import beside
+from stepdiag_ros.report.files import try_folder
 from stepdiag_ros.report.pages import pictures
 from stepdiag_ros.report.pages.sections import sections
 from stepdiag_ros.report.pages.sections.measurement import _words_of
 from stepdiag_ros.report.pages.sections.readings import _few_stops
-from stepdiag_ros.report.publish import try_folder
 from stepdiag_ros.text.numbers import ARC_SECONDS, OF_READINGS, plus_minus, with_expanded
 
 PLAN = """\

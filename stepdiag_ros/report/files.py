@@ -1,0 +1,102 @@
+"""Writes files whole or not at all, and makes the folders for them."""
+
+import io
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryFile
+
+_ELSEWHERE = "name another one with --output FOLDER"
+
+
+def make_folder(folder: Path) -> Path:
+    """Make sure that a folder for results is there, and return it.
+
+    Raises:
+        ValueError: it cannot be made or written to; names the folder.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise ValueError(f"{folder} is a file; results need a folder") from None
+    except OSError as error:
+        raise ValueError(
+            f"the folder {folder} cannot be made: {error.strerror}; {_ELSEWHERE}"
+        ) from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(f"the folder {folder} cannot be written to; {_ELSEWHERE}")
+    return folder
+
+
+def try_folder(folder: Path) -> None:
+    """Make sure, before any work, that results can be written; leave nothing behind.
+
+    Raises:
+        ValueError: the folder cannot be made or written to; names the folder.
+    """
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        make_folder(folder)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ValueError(
+            f"the folder {folder} cannot be written to: {error.strerror}; {_ELSEWHERE}"
+        ) from None
+    finally:
+        for one in made:
+            with suppress(OSError):
+                one.rmdir()
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a name to write to and rename it at the end: no half-written file is ever found."""
+    partial = path.with_name(f".partial-{path.name}")
+    try:
+        yield partial
+        partial.replace(path)
+    except OSError as error:
+        # A full disk is told without the name of any file.
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_new(files: Mapping[Path, bytes], overwrite: bool) -> None:
+    """Write files, each whole or not at all; nothing is written if one of them is refused.
+
+    Args:
+        files: path → content.
+        overwrite: files that are there may be written over.
+
+    Raises:
+        ValueError: a file is there already, or its folder is not.
+        OSError: a file cannot be written.
+    """
+    check_new(files, overwrite)
+    for path, content in files.items():
+        with whole_file(path) as partial:
+            partial.write_bytes(content)
+
+
+def check_new(paths: Iterable[Path], overwrite: bool) -> None:
+    """Refuse files that ``write_new`` would refuse.
+
+    Raises:
+        ValueError: a file is there already, or its folder is not.
+    """
+    for path in paths:
+        if path.is_dir():
+            raise ValueError(f"{path} is a folder; name a file")
+        if path.exists() and not overwrite:
+            raise ValueError(f"{path} is there already; name another file, or overwrite by --force")
+        if not path.parent.is_dir():
+            raise ValueError(f"there is no folder {path.parent}; make it first")
+
+
+def without_trailing_blanks(text: str) -> str:
+    """Return a text without blanks at the ends of its lines, which line feeds alone end."""
+    # Not splitlines(): it would make a line break of a sign within a name or a JSON string.
+    return "".join(f"{line.rstrip()}\n" for line in io.StringIO(text))
