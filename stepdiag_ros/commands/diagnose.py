@@ -119,15 +119,12 @@ def _days(text: str) -> float:
 def run(arguments: Namespace) -> int:
     """Diagnose; see the module."""
     from stepdiag_ros.report.documents.diagnosis import diagnosis_json
+    from stepdiag_ros.report.files import check_new
     from stepdiag_ros.report.publish import DIAGNOSIS_PICTURES, write_results
     from stepdiag_ros.report.tables.diagnosis import print_diagnosis
     from stepdiag_ros.text.console import make_console
 
-    for path, what in ((arguments.extend, "model"), (arguments.propose, "plan")):
-        if path is not None and path.exists():
-            raise ValueError(f"{path} exists already; give the new {what} another name")
-        if path is not None and not path.parent.is_dir():
-            raise ValueError(f"{path}: the folder {path.parent} does not exist")
+    check_new(path for path in (arguments.extend, arguments.propose) if path is not None)
     recorded = _loaded(arguments.bag, arguments.run_id)
     folder = arguments.output or results_folder(arguments.bag, "diagnosis")
     if recorded is not None and recorded.plan.tracker is not None:

@@ -76,7 +76,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.bags.imports.renishaw_direct import UNITS, FileFacts, read_direct_test
     from stepdiag_ros.bags.imports.source import read_source
     from stepdiag_ros.metrology.direct import DirectPlace, direct_text
-    from stepdiag_ros.report.files import whole_file
+    from stepdiag_ros.report.files import write_new
 
     def point(given: "list[float] | None", untold: float) -> tuple[float, float, float]:
         x, y, z = [untold] * 3 if given is None else [MILLI * value for value in given]
@@ -94,10 +94,7 @@ def run(arguments: Namespace) -> int:
     target = arguments.output or arguments.file.with_name(
         f"{arguments.file.stem}_{arguments.curve}.csv"
     )
-    if target.exists():
-        raise ValueError(f"{target} exists already; give the new table another name: --output")
-    with whole_file(target) as partial_file:
-        partial_file.write_text(direct_text(direct), encoding="utf-8")
+    write_new({target: direct_text(direct).encode()})
     curve = direct.curves[arguments.curve]
     repeats, positions = curve.values.shape
     say(f"{arguments.curve} at {positions} positions, {repeats} runs: {target}")

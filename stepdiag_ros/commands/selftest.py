@@ -44,19 +44,20 @@ def run(arguments: Namespace) -> int:
     import secrets
     import sys
 
+    from stepdiag_ros.report.files import check_new, whole_file
     from stepdiag_ros.selftest.session import run_selftest
     from stepdiag_ros.selftest.text import print_record
     from stepdiag_ros.text.console import make_console
 
-    if arguments.output is not None and not arguments.output.parent.is_dir():
-        raise ValueError(f"{arguments.output}: the folder {arguments.output.parent} does not exist")
+    if arguments.output is not None:
+        check_new([arguments.output], overwrite=True)
     seed = secrets.randbelow(2**32) if arguments.seed is None else arguments.seed
     with progress_bar("selftest") as progress:
         record = run_selftest(
             seed, arguments.problems, partial(solve_as_a_user, arguments.main), progress
         )
     if arguments.output is not None:
-        with arguments.output.open("w", encoding="utf-8") as stream:
+        with whole_file(arguments.output) as file, file.open("w", encoding="utf-8") as stream:
             if arguments.json:
                 stream.write(record.json() + "\n")
             else:

@@ -7,6 +7,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 
+from stepdiag_ros.metrology.refusal import Refusal
+
 _ELSEWHERE = "name another one with --output FOLDER"
 
 
@@ -64,15 +66,15 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def write_new(files: Mapping[Path, bytes], overwrite: bool) -> None:
+def write_new(files: Mapping[Path, bytes], overwrite: bool | None = None) -> None:
     """Write files, each whole or not at all; nothing is written if one of them is refused.
 
     Args:
         files: path → content.
-        overwrite: files that are there may be written over.
+        overwrite: see ``check_new``.
 
     Raises:
-        ValueError: a file is there already, or its folder is not.
+        Refusal: a file is there already, or its folder is not.
         OSError: a file cannot be written.
     """
     check_new(files, overwrite)
@@ -81,19 +83,30 @@ def write_new(files: Mapping[Path, bytes], overwrite: bool) -> None:
             partial.write_bytes(content)
 
 
-def check_new(paths: Iterable[Path], overwrite: bool) -> None:
-    """Refuse files that ``write_new`` would refuse.
+def check_new(paths: Iterable[Path], overwrite: bool | None = None) -> None:
+    """Refuse, before any work, what could not be written after it.
+
+    Args:
+        paths: of files that belong together.
+        overwrite: files that are there may be written over; None: the user cannot wish that.
 
     Raises:
-        ValueError: a file is there already, or its folder is not.
+        Refusal: a file is there already, its folder is not, or two files have the same name.
     """
+    seen: set[Path] = set()
     for path in paths:
         if path.is_dir():
-            raise ValueError(f"{path} is a folder; name a file")
+            raise Refusal(f"{path} is a folder; name a file", fault="mismatch")
         if path.exists() and not overwrite:
-            raise ValueError(f"{path} is there already; name another file, or overwrite by --force")
+            remedy = "" if overwrite is None else ", or overwrite by --force"
+            raise Refusal(f"{path} is there already; name another file{remedy}", fault="exists")
         if not path.parent.is_dir():
-            raise ValueError(f"there is no folder {path.parent}; make it first")
+            raise Refusal(f"there is no folder {path.parent}; make it first", fault="not_found")
+        if path in seen:
+            raise Refusal(
+                f"two files would be called {path}; name one of them otherwise", fault="mismatch"
+            )
+        seen.add(path)
 
 
 def without_trailing_blanks(text: str) -> str:

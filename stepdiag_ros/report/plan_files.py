@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.moves import program_of
@@ -31,7 +30,7 @@ class PlanFiles:
         dialect: of the program.
 
     Raises:
-        Refusal: no picture has such an ending, or two files have the same name.
+        Refusal: no picture has such an ending.
     """
 
     plan: Path
@@ -44,14 +43,6 @@ class PlanFiles:
     def __post_init__(self) -> None:
         if self.picture is not None:
             format_of(self.picture)
-        seen: set[Path] = set()
-        for path in self._paths():
-            if path in seen:
-                raise Refusal(
-                    f"two files would be called {path}; name one of them otherwise",
-                    fault="mismatch",
-                )
-            seen.add(path)
 
     @property
     def mapping(self) -> Path | None:
@@ -76,7 +67,7 @@ class PlanFiles:
         """Refuse, before any work, what ``write_new`` would refuse after it.
 
         Raises:
-            ValueError: a file is there already, or its folder is not.
+            Refusal: a file is there already, its folder is not, or two have the same name.
         """
         check_new(self._paths(), overwrite)
 

@@ -160,7 +160,7 @@ def _refused(arguments, capsys):
 def test_what_cannot_be_done_is_refused_in_a_sentence(hidden, tmp_path, capsys):
     there = tmp_path / "there.yaml"
     there.write_text("chain: XYZ\n")
-    assert "exists already" in _refused([hidden, "--extend", there], capsys)
+    assert "is there already" in _refused([hidden, "--extend", there], capsys)
     assert "the chain YXZ, the model of one with XYZ" in _refused(
         [hidden, "--model", there], capsys
     )
@@ -184,7 +184,10 @@ def test_what_cannot_be_done_is_refused_in_a_sentence(hidden, tmp_path, capsys):
     assert main(["diagnose", str(unfinished)]) == 1
     assert "no line of this run was finished" in capsys.readouterr().err
     nowhere = tmp_path / "no" / "new.yaml"
-    assert "does not exist" in _refused([hidden, "--extend", nowhere], capsys)
+    assert "there is no folder" in _refused([hidden, "--extend", nowhere], capsys)
+    one = tmp_path / "one.yaml"
+    assert str(one) in _refused([hidden, "--extend", one, "--propose", one], capsys)
+    assert not one.exists()
     assert not (hidden.parent / "run_diagnosis").exists()
 
 
@@ -233,7 +236,7 @@ def test_an_extra_plan_is_not_written_where_nothing_is_open(hidden, tmp_path, ca
     assert "Nothing is open" in capsys.readouterr().err
     plan.write_text("mine")
     assert main(asked) == 1
-    assert "exists already" in capsys.readouterr().err
+    assert "is there already" in capsys.readouterr().err
     assert plan.read_text() == "mine"
 
 

@@ -278,4 +278,4 @@ def test_wrong_options_are_refused(words, capsys):
 def test_a_folder_that_is_not_there_is_refused_before_anything_is_done(tmp_path, capsys):
     target = tmp_path / "nowhere" / "record.txt"
     assert cli.main(["selftest", "--output", str(target)]) == 1
-    assert "does not exist" in capsys.readouterr().err
+    assert "there is no folder" in capsys.readouterr().err
