@@ -124,7 +124,8 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.tables.diagnosis import print_diagnosis
     from stepdiag_ros.text.console import make_console
 
-    check_new(path for path in (arguments.extend, arguments.propose) if path is not None)
+    new = (path for path in (arguments.extend, arguments.propose) if path is not None)
+    check_new(new, remedy="name another file")
     recorded = _loaded(arguments.bag, arguments.run_id)
     folder = arguments.output or results_folder(arguments.bag, "diagnosis")
     if recorded is not None and recorded.plan.tracker is not None:

@@ -94,7 +94,8 @@ def run(arguments: Namespace) -> int:
     target = arguments.output or arguments.file.with_name(
         f"{arguments.file.stem}_{arguments.curve}.csv"
     )
-    write_new({target: direct_text(direct).encode()})
+    content = direct_text(direct).encode()
+    write_new({target: content}, remedy="name another file with --output")
     curve = direct.curves[arguments.curve]
     repeats, positions = curve.values.shape
     say(f"{arguments.curve} at {positions} positions, {repeats} runs: {target}")

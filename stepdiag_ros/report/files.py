@@ -9,6 +9,7 @@ from tempfile import TemporaryFile
 
 from stepdiag_ros.metrology.refusal import Refusal
 
+FORCE = "name another file, or overwrite by --force"
 _ELSEWHERE = "name another one with --output FOLDER"
 
 
@@ -66,29 +67,31 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def write_new(files: Mapping[Path, bytes], overwrite: bool | None = None) -> None:
+def write_new(files: Mapping[Path, bytes], overwrite: bool = False, remedy: str = FORCE) -> None:
     """Write files, each whole or not at all; nothing is written if one of them is refused.
 
     Args:
         files: path → content.
         overwrite: see ``check_new``.
+        remedy: see ``check_new``.
 
     Raises:
         Refusal: a file is there already, or its folder is not.
         OSError: a file cannot be written.
     """
-    check_new(files, overwrite)
+    check_new(files, overwrite, remedy)
     for path, content in files.items():
         with whole_file(path) as partial:
             partial.write_bytes(content)
 
 
-def check_new(paths: Iterable[Path], overwrite: bool | None = None) -> None:
+def check_new(paths: Iterable[Path], overwrite: bool = False, remedy: str = FORCE) -> None:
     """Refuse, before any work, what could not be written after it.
 
     Args:
         paths: of files that belong together.
-        overwrite: files that are there may be written over; None: the user cannot wish that.
+        overwrite: files that are there may be written over.
+        remedy: for a file that is there.
 
     Raises:
         Refusal: a file is there already, its folder is not, or two files have the same name.
@@ -98,8 +101,7 @@ def check_new(paths: Iterable[Path], overwrite: bool | None = None) -> None:
         if path.is_dir():
             raise Refusal(f"{path} is a folder; name a file", fault="mismatch")
         if path.exists() and not overwrite:
-            remedy = "" if overwrite is None else ", or overwrite by --force"
-            raise Refusal(f"{path} is there already; name another file{remedy}", fault="exists")
+            raise Refusal(f"{path} is there already; {remedy}", fault="exists")
         if not path.parent.is_dir():
             raise Refusal(f"there is no folder {path.parent}; make it first", fault="not_found")
         if path in seen:
