@@ -97,6 +97,11 @@ class OpcUaPeer:
     async def _end(self):
         self._program.cancel()
         await self.server.stop()
+        # The server leaves tasks behind of each connection that was lost.
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
         self._loop.call_soon(self._loop.stop)
 
     async def _build(self):
