@@ -104,11 +104,11 @@ def check_new(paths: Iterable[Path], overwrite: bool = False, remedy: str = FORC
             raise Refusal(f"{path} is there already; {remedy}", fault="exists")
         if not path.parent.is_dir():
             raise Refusal(f"there is no folder {path.parent}; make it first", fault="not_found")
-        if path in seen:
+        if path.resolve() in seen:
             raise Refusal(
                 f"two files would be called {path}; name one of them otherwise", fault="mismatch"
             )
-        seen.add(path)
+        seen.add(path.resolve())
 
 
 def without_trailing_blanks(text: str) -> str:

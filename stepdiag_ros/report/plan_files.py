@@ -1,9 +1,9 @@
 """The files of a plan: what they are called, and what is in them."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.planning.assessment import Assessment
 from stepdiag_ros.planning.candidates import PURPOSES
 from stepdiag_ros.planning.moves import program_of
@@ -69,13 +69,16 @@ class PlanFiles:
         Raises:
             Refusal: a file is there already, its folder is not, or two have the same name.
         """
-        check_new(self._paths(), overwrite)
-
-    def _paths(self) -> Iterator[Path]:
+        named = (self.program, self.sheet, self.table, self.mapping, self.picture, self.frontier)
+        beside = [path for path in named if path is not None]
         if self.is_new:
-            yield self.plan
-        beside = (self.program, self.sheet, self.table, self.mapping, self.picture, self.frontier)
-        yield from (path for path in beside if path is not None)
+            beside.insert(0, self.plan)
+        elif self.plan.resolve() in [path.resolve() for path in beside]:
+            raise Refusal(
+                f"{self.plan} is the plan that is checked; name the other file otherwise",
+                fault="mismatch",
+            )
+        check_new(beside, overwrite)
 
 
 def contents(

@@ -100,6 +100,17 @@ def test_nothing_is_overwritten_and_nothing_half_written(folder, capsys, there):
     assert not (folder / there).read_bytes().startswith(b"mine")
 
 
+@pytest.mark.parametrize("beside", [["--table", "mine.csv"], ["--nc", "./mine.yaml"]])
+def test_nothing_takes_the_place_of_the_plan_that_is_checked(folder, capsys, beside):
+    text = load_plan("demo")[1]
+    (folder / "mine.yaml").write_text(text)
+    wish = ["plan", "--check", "mine.yaml", "--machine", "demo", *beside, "--force"]
+    assert cli.main(wish) == 1
+    assert "mine.yaml is the plan that is checked" in capsys.readouterr().err
+    assert [path.name for path in folder.iterdir()] == ["mine.yaml"]
+    assert (folder / "mine.yaml").read_text() == text
+
+
 def test_the_dialect_is_as_asked(folder, capsys):
     nc = ["--nc", "p.nc", "--nc-dwell", "F_s", "--nc-number", "7", "--nc-line-numbers"]
     nc += ["--nc-no-percent", "--nc-decimals", "5"]
