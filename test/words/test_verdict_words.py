@@ -21,6 +21,10 @@ def test_what_can_do_the_same_is_named(status):
     assert words.startswith(status) and "E_AY, E_CY" in words
 
 
+def test_the_part_that_is_determined_is_named():
+    assert "the shape" in row(PARTLY, part="the shape", confounded_with=("E_AY",)).words
+
+
 def test_an_error_that_nothing_else_stands_for_says_why_it_is_not_determined():
     alone = row(CONFOUNDED).words
     assert "another shape of it" in alone
