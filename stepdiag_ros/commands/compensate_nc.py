@@ -136,6 +136,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.compensation.nc_rewrite import rewrite
     from stepdiag_ros.evaluation.nc_correction import NcReport
     from stepdiag_ros.report.documents.nc_correction import nc_json
+    from stepdiag_ros.report.files import whole_file
     from stepdiag_ros.report.tables.nc_correction import text_lines
 
     program: Path = arguments.program
@@ -174,7 +175,8 @@ def run(arguments: Namespace) -> int:
             f"{program}: the tool would be {1e6 * proof.after.largest:.3g} µm away from its way in"
             f" line {proof.after.line}, more than the tolerance; nothing is written"
         )
-    _write(target, made.text.encode(_BYTES))
+    with whole_file(target) as partial:
+        partial.write_bytes(made.text.encode(_BYTES))
     if arguments.json:
         print(nc_json(report))
     else:
@@ -222,15 +224,6 @@ def _header(identified: "Identified", program: Path, digest: str) -> list[str]:
         *identified.origin.lines(),
         "only for the machine and the set-up that it was made for",
     ]
-
-
-def _write(target: Path, data: bytes) -> None:
-    partial = target.with_name(f".{target.name}.partial")
-    try:
-        partial.write_bytes(data)
-        partial.rename(target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 COMMAND = Command(
