@@ -334,6 +334,7 @@ def _module(terms: Sequence[_Term], domain: Domain, given: Mapping[str, str], so
     temperatures = [
         f'"{of}_temperature"' for of in ("material", "air") if any(of in one.shape for one in terms)
     ]
+    senses = any(name.startswith("sense") for one in terms for name in quantities_of(one.shape))
     conditions = [f'{{*"{needed}"}} <= {{*stops.moving_axes}}'] if needed else []
     conditions += ["self.known(stops)"] if temperatures else []
     imports = [
@@ -350,7 +351,8 @@ def _module(terms: Sequence[_Term], domain: Domain, given: Mapping[str, str], so
         source=source,
         imports="\n".join(imports),
         box=box,
-        needs=f"\n    needs = ({', '.join(temperatures)},)" if temperatures else "",
+        needs=(f"\n    needs = ({', '.join(temperatures)},)" if temperatures else "")
+        + ("\n    depends_on_sense = True" if senses else ""),
         moved=" and ".join(needed) or "anything",
         condition=" and ".join(conditions) or "True",
         made="\n".join(f"        {line}" for line in made),

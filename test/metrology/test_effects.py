@@ -14,6 +14,7 @@ from stepdiag_ros.metrology.discrepancy import diagnose
 from stepdiag_ros.metrology.effects import catalogue
 from stepdiag_ros.metrology.effects.backlash import Backlash
 from stepdiag_ros.metrology.effects.effect import ActiveEffect, Change, Effect, Key, Size
+from stepdiag_ros.metrology.effects.learned_shape import LearnedShape
 from stepdiag_ros.metrology.effects.stops import stops_of
 from stepdiag_ros.metrology.forward import ErrorCurves, reading, tilted
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS
@@ -573,6 +574,11 @@ class TurnsX(Foreign):
         return Change(rotations={"X": sizes["size"] * stops.share})
 
 
+class Sensed(Foreign):
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        return Change(reading=sizes["size"] * stops.last_sense[:, 0])
+
+
 class Wordless(Foreign):
     def label(self, setting):
         pass
@@ -589,6 +595,7 @@ class Wordless(Foreign):
         (Mat, ("TypeError", "distance", "3")),
         (TurnsX, ("LookupError", "'X'", "0, 1, 2")),
         (Wordless, ("TypeError", "'label'", "None")),
+        (Sensed, ("ArithmeticError", "depends_on_sense")),
         (Misspelt, ("KeyError", "'sise'")),
         (WrongAxis, ("LookupError", "'y'", "X, Y, Z")),
         (OutOfProportion, ("ArithmeticError",)),
@@ -602,6 +609,40 @@ def test_an_effect_whose_code_fails_is_named_with_what_it_raises(effect, raised)
     run = simulate(make_plan(blocks=3, repeats=2), make_cell())
     with refused(Refusal, "failed", __name__, *raised, about="a foreign effect"):
         diagnose(run, catalogue=[effect()])
+
+
+class OfTwoSenses(Foreign):
+    depends_on_sense = True
+
+    def change(self, setting, sizes, stops):  # noqa: ARG002
+        bend = stops.last_sense[:, 0] * stops.share[:, 1] + stops.last_sense[:, 2]
+        return Change.along("Y", sizes["size"] * bend)
+
+
+@pytest.mark.parametrize(
+    ("effect", "setting", "axes"),
+    [
+        (Backlash(), {"axis": "Y"}, {1}),
+        (LearnedShape(), {"acts_on": "Z", "shape": "sense y * z^1"}, {1}),
+        (LearnedShape(), {"acts_on": "reading", "shape": "sense z"}, {2}),
+        (LearnedShape(), {"acts_on": "Z", "shape": "x^1 * y^1"}, set()),
+        (OfTwoSenses(), {}, {0, 2}),
+    ],
+)
+def test_what_an_axis_did_before_its_first_move_in_a_setup_is_free(effect, setting, axes):
+    stops = stops_of(simulate(make_plan(blocks=3, repeats=2, orders=("ZXY",)), make_cell()))
+    free = effect.unknown(setting, stops)
+    told = np.all(stops.last_sense[:, sorted(axes)] != 0.0, axis=1)
+    assert not np.any(free[told]) and np.all(np.any(free, axis=0))
+    sizes = {size.name: 1.0 for size in effect.sizes}
+    senses = np.random.default_rng(1).choice([-1.0, 1.0], (len(stops.setups), 3))[stops.setup]
+    came = np.where(stops.last_sense == 0.0, senses, stops.last_sense)
+    really = effect.change(setting, sizes, replace(stops, last_sense=came)).readings(stops)
+    assumed = effect.change(setting, sizes, stops).readings(stops)
+    assert np.any(really != assumed) == bool(axes)
+    change = really - assumed
+    left = change - free @ np.linalg.lstsq(free, change, rcond=None)[0]
+    assert np.max(np.abs(left)) < 1e-12
 
 
 def test_a_size_that_is_plausible_in_a_small_box_blocks_no_run_in_a_large_one():

@@ -6,7 +6,7 @@ import numpy as np
 
 from stepdiag_ros.metrology.effects.effect import Change, Effect, Key, Setting, Size
 from stepdiag_ros.metrology.effects.stops import Stops
-from stepdiag_ros.metrology.geometry import AXES, Vector
+from stepdiag_ros.metrology.geometry import AXES
 
 
 class Backlash(Effect):
@@ -16,6 +16,7 @@ class Backlash(Effect):
     sentence = "When an axis turns round, its drive moves before the carriage does."
     source = "ISO 230-1:2012; ISO 230-2:2014 (reversal error B)"
     keys = (Key("axis", AXES),)
+    depends_on_sense = True
     sizes = (Size("lost_motion", "m", -50e-6, 50e-6, "travel lost at a reversal"),)
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
@@ -30,13 +31,6 @@ class Backlash(Effect):
         return Change.along(
             setting["axis"], -0.5 * sizes["lost_motion"] * stops.last_sense[:, axis]
         )
-
-    def unknown(self, setting: Setting, stops: Stops) -> Vector:
-        """Return a column for the stops of each setup before the axis's first move there.
-
-        The direction of approach to a setup's first stop is unknown.
-        """
-        return stops.before_first_move(AXES.index(setting["axis"]))
 
 
 EFFECT = Backlash()

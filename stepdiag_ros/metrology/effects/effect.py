@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -140,6 +140,7 @@ class Effect(ABC):
             ``known``.
         typical: its one size is the typical size of many unknown values (``loose``), which no
             column shows and no simulation can have.
+        depends_on_sense: its change depends on ``Stops.last_sense``; see ``unknown``.
         learned: it is described after a run, not tried on one.
     """
 
@@ -150,6 +151,7 @@ class Effect(ABC):
     keys: ClassVar[tuple[Key, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     typical: ClassVar[bool] = False
+    depends_on_sense: ClassVar[bool] = False
     learned: ClassVar[bool] = False
 
     @abstractmethod
@@ -168,10 +170,23 @@ class Effect(ABC):
     def unknown(self, setting: Setting, stops: Stops) -> Vector:
         """Return the part of this effect that no run determines, as columns to fit with it, (n, m).
 
-        None, if the run determines all that the effect depends on.
+        In which sense an axis came to the stops of a setup before its first move there is not known
+        (``Stops.last_sense``): a column holds what the other sense would change at those stops.
         """
-        del setting
-        return np.zeros((len(stops.time), 0))
+        free = [np.zeros((len(stops.time), 0))]
+        if not self.depends_on_sense:
+            return free[0]
+        untold = stops.last_sense == 0.0
+        forward = replace(stops, last_sense=np.where(untold, 1.0, stops.last_sense))
+        one = self.columns(setting, forward)
+        for axis in map(int, np.flatnonzero(np.any(untold, axis=0))):
+            turned = forward.last_sense.copy()
+            turned[untold[:, axis], axis] = -1.0
+            change = one - self.columns(setting, replace(forward, last_sense=turned))
+            for at_them in stops.before_first_move(axis).T:
+                part = change * at_them[:, None]
+                free.append(part[:, np.any(part, axis=0)])
+        return np.column_stack(free)
 
     def label(self, setting: Setting) -> str:
         """Say which effect this is, for example ``backlash of X``."""
@@ -218,10 +233,11 @@ class Effect(ABC):
                 )
 
     def check_change(self, setting: Setting, stops: Stops) -> None:
-        """Check that sizes are in SI units, and that twice the size changes twice as much.
+        """Check what an effect states: units, change in proportion to sizes, dependence on senses.
 
         Raises:
-            ArithmeticError: they are not, or it does not.
+            ArithmeticError: sizes are not in SI units, twice the size does not change twice as
+                much, or the change depends on senses and ``depends_on_sense`` is not stated.
             Refusal: the run lacks what the effect needs.
         """
         sizes = {
@@ -241,6 +257,13 @@ class Effect(ABC):
             raise ArithmeticError(
                 "its change is not proportional to its sizes; a value to which it is not"
                 " proportional must be a key"
+            )
+        senses = np.random.default_rng(0).choice([-1.0, 1.0], stops.last_sense.shape)
+        others = ActiveEffect(self, setting, sizes).readings(replace(stops, last_sense=senses))
+        if not self.depends_on_sense and not np.array_equal(one, others, equal_nan=True):
+            raise ArithmeticError(
+                "its change depends on 'last_sense', which is not known before an axis's first"
+                " move in a setup; state depends_on_sense = True, and it is free there"
             )
 
 

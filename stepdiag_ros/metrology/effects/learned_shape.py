@@ -348,18 +348,12 @@ class Learned(Effect):
 
     source = "learned from runs of the machine (docs/diagnose.md)"
     learned = True
+    depends_on_sense = True
 
     def settings(self, stops: Stops) -> Iterator[Setting]:
         """Yield nothing: what is learned is described, not tried."""
         del stops
         return iter(())
-
-    def unknown(self, setting: Setting, stops: Stops) -> Vector:
-        """Return a column for the stops of each setup before the axis moves whose sense counts."""
-        names = quantities(str(setting["shape"]))
-        axes = [axis for axis, letter in enumerate(AXES) if f"sense_{letter}" in names]
-        free = [stops.before_first_move(axis) for axis in axes]
-        return np.column_stack(free) if free else super().unknown(setting, stops)
 
     def amount(self, setting: Setting, sizes: Mapping[str, float], stops: Stops) -> Vector:
         """Return amplitude times the product of the factors at each stop, shape (n,).
