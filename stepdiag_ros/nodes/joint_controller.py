@@ -83,6 +83,7 @@ class RosJointController:
         self._node, self._names = node, names
         self._news: list[News] = []
         self._goals: deque[bytes] = deque(maxlen=10)
+        self._number = 0
         self._handle: Any = None
         self._answered, self._cancelled = True, False
         self._others = 0
@@ -151,6 +152,7 @@ class RosJointController:
         """Send a goal; what becomes of it comes as news."""
         goal_id = uuid.uuid4().bytes
         self._goals.append(goal_id)
+        self._number = number
         self._handle, self._answered, self._cancelled = None, False, False
         future = self._action.send_goal_async(
             goal_message(trajectory), goal_uuid=UUID(uuid=list(goal_id))
@@ -211,7 +213,9 @@ class RosJointController:
             handle.cancel_goal_async()
 
     def _on_result(self, number: int, future: Any) -> None:
-        self._handle = None
+        # A goal cancelled between its end and the report ends only as the next one is accepted.
+        if number == self._number:
+            self._handle = None
         response = future.result()
         outcome = _OUTCOMES.get(response.status, Outcome.ABORTED)
         result = response.result

@@ -529,7 +529,7 @@ class Ros2ControlCnc:
         """Whether the controller would have ended a cancelled goal by now, if it ever did.
 
         The controller of Jazzy reports that a goal was reached up to 50 ms later. It accepts a
-        cancel in between, and then never ends the goal.
+        cancel in between, and then ends the goal only as it accepts the next one.
         """
         limit = min(self._answered_in, self._settings.stop_limit * NANOSECONDS)
         return self._now - self._since >= limit

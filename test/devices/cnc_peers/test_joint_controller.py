@@ -93,6 +93,22 @@ def test_a_goal_that_is_cancelled_before_its_end_is_reported_is_no_other_clients
     again.controller.close()
 
 
+def test_the_move_after_a_goal_that_was_cancelled_before_its_report_can_be_stopped(peer, client):
+    peer.reported = inf
+    client.controller.send(1, move(0.01, 0.2))
+    assert client.until(lambda: peer.robot.done)
+    client.controller.cancel()
+    assert client.until(lambda: not peer.robot.ended)
+    peer.reported = 0.0
+    client.controller.send(2, move(0.5, 60.0))
+    assert client.until(lambda: [one.number for one in client.of(GoalEnd)] == [1])
+    client.controller.cancel()
+    assert client.until(lambda: len(client.of(GoalEnd)) == 2)
+    assert client.of(GoalEnd)[1].number == 2
+    assert client.of(GoalEnd)[1].outcome is Outcome.CANCELED
+    assert peer.robot.positions()["x"] < 0.4
+
+
 def test_a_goal_of_another_client_at_work_is_seen(client):
     import rclpy
 

@@ -51,7 +51,7 @@ class TrajectoryPeer:
         self.sampling = self.managing = True
         self.during = {}
         self.lock = threading.RLock()
-        self._ends = {}
+        self._ends, self._orphans = {}, []
         self.reported = 0.0
 
     @property
@@ -159,7 +159,9 @@ class TrajectoryPeer:
     def _on_cancel(self, handle):
         with self.lock:
             key, ended = bytes(handle.goal_id.uuid), self.robot.ended
-            # As in Jazzy: a goal that is cancelled between its end and the report never ends.
+            # As in Jazzy: a goal that is cancelled between its end and the report ends only when
+            # the next one is accepted.
+            self._orphans += [one[0] for one in ended if one[0] == key]
             ended[:] = [one for one in ended if one[0] != key]
             self.robot.cancel(time.monotonic(), key)
         return CancelResponse.ACCEPT
@@ -184,6 +186,8 @@ class TrajectoryPeer:
         with self.lock:
             names = list(goal.trajectory.joint_names)
             self.robot.accept(key, names, points, tolerances, time.monotonic())
+            while self._orphans:
+                self._ends.pop(self._orphans.pop()).set_result((CANCELED, 0, ""))
         outcome, code, words = await end
         if outcome == SUCCEEDED:
             handle.succeed()
