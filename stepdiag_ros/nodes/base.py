@@ -18,7 +18,7 @@ from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.nodes.declared import DeclaringNode
 from stepdiag_ros.nodes.health import Health
 from stepdiag_ros.nodes.links import LinkedNode
-from stepdiag_ros.run.health import Clockwork, HealthFinding, Level
+from stepdiag_ros.run.health import Clockwork, HealthFinding, Level, SetBack
 from stepdiag_ros.run.supervision import (
     BYSTANDERS,
     HEARTBEAT_PERIOD,
@@ -66,6 +66,7 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         self.facts = self.health.facts
         self._clockwork = Clockwork(simulated=bool(self.get_parameter("use_sim_time").value))
         self.facts[TIME_SOURCE] = self._clockwork.source
+        self._set_back = SetBack()
         self.health.live_facts[MISSES] = lambda: self.watch.missed
         self.health.add_task("clock", self._judge_clock)
         self.health.add_task("links", self._judge_links)
@@ -81,6 +82,11 @@ class StepdiagNode(DeclaringNode, LinkedNode):
         """
         found = {space for node, space in self.get_node_names_and_namespaces() if node == name}
         return f"; there is a {name} in the namespace {', '.join(sorted(found))}" if found else ""
+
+    def clock_set_back(self) -> str:
+        """Say that the clock of the computer was set back since the last look; empty if not."""
+        back = 0.0 if self._is_simulated() else self._set_back.look(self.now())
+        return f"the clock of this computer was set back by {back:.1f} s" if back else ""
 
     # Services ------------------------------------------------------------------------------------
 

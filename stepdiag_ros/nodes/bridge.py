@@ -376,6 +376,7 @@ class BridgeNode(DeviceNode[CncDevice]):
                 position=self._nominal_position(),
                 target=tuple(command.target),
                 feed=command.feed,
+                uncorrected=self._position,
             )
         )
 

@@ -262,8 +262,17 @@ class DeviceNode(LifecycleNodeMixin, StepdiagNode, Generic[D]):
             self.fail(f"cannot {doing}: {sentence(error)}")
 
     def look_at_device(self) -> None:
-        """Take what the device has to say, if it is open."""
-        if self.device is not None:
+        """Take what the device has to say, if it is open.
+
+        Drivers count by the latest time that they were given: a clock that is set back would stop
+        their watch over the device until it has caught up.
+        """
+        set_back = self.clock_set_back()
+        if self.device is None:
+            return
+        if set_back:
+            self.fail(set_back)
+        else:
             with self.failing(f"read the {self.thing}"):
                 self.poll(self.device)
 

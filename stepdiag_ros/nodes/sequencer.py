@@ -26,6 +26,7 @@ from stepdiag_ros.metrology.cell import SimulatedCell
 from stepdiag_ros.metrology.plan import Plan
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.target import line_ends
+from stepdiag_ros.metrology.units import NANOSECONDS
 from stepdiag_ros.nodes.base import StepdiagNode, spin
 from stepdiag_ros.nodes.measure_action import (
     MeasureAction,
@@ -34,7 +35,7 @@ from stepdiag_ros.nodes.measure_action import (
 )
 from stepdiag_ros.run.accord import discords, machine_fact
 from stepdiag_ros.run.feasibility import beyond_machine, out_of_limits
-from stepdiag_ros.run.health import HealthFinding
+from stepdiag_ros.run.health import AHEAD, HealthFinding
 from stepdiag_ros.run.identity import new_run_id
 from stepdiag_ros.run.sequence import Answer, Command, Progress, Sequence, State
 from stepdiag_ros.run.supervision import (
@@ -182,6 +183,7 @@ class SequencerNode(StepdiagNode):
             chosen, tuple(state.position), self._send, self._stop_machine, patience, ends
         )
         self._published = None
+        self._not_before = 0
         self._describe(text, until)
         self._taking_up = TakingUp(self.run_id, REQUIRED, self._needed, patience)
         self.get_logger().info(f"run {self.run_id} of plan '{chosen.name}': asked for by {by}")
@@ -340,7 +342,11 @@ class SequencerNode(StepdiagNode):
 
     def _update(self) -> None:
         self._measure.update()
+        set_back = self.clock_set_back()
         if self._sequence is None:
+            return
+        if set_back and not self.run_over:
+            self._abort(f"{set_back}, so that times are not in order any more: start the run again")
             return
         self._insist_on_stop()
         self._insist_on_reset()
@@ -414,8 +420,11 @@ class SequencerNode(StepdiagNode):
         self._description.publish(message)
 
     def _send(self, command: Command) -> None:
-        # This node's simulated clock may lag a tick behind the readings of the stop that is left.
-        now = max(self.now(), self._not_before)
+        now = self.now()
+        # This node's clock may lag behind the readings of the stop that is left: a simulated one by
+        # a tick, that of another computer a little. By more, the stop is not one of this run.
+        if self._is_simulated() or self._not_before - now <= AHEAD * NANOSECONDS:
+            now = max(now, self._not_before)
         stop = command.given_at(now)
         self._permit()
         purpose = int(command.purpose)

@@ -17,6 +17,8 @@ WINDOW = 1.0
 """Real seconds over which rates, shares and extremes are taken."""
 HOLD = 2.0
 """Real seconds for which a fault that has passed is still reported, so that a monitor shows it."""
+AHEAD = 1.0
+"""s by which a stamp may lie in the future: another computer's clock, a tick of simulated time."""
 UNKNOWN = "unknown"
 
 
@@ -57,6 +59,32 @@ def figure(value: float | None, digits: int = 4) -> str:
     return str(value) if isinstance(value, int) else f"{value:.{digits}g}"
 
 
+class SetBack:
+    """Notices that the clock of the computer was set back.
+
+    What goes by the latest time that it was given would stand still until the clock has caught up.
+    """
+
+    LEAST = 0.1
+    """s: by less, nothing stands still for long."""
+
+    def __init__(self) -> None:
+        self._latest = 0
+
+    def look(self, now: int) -> float:
+        """Return by how many s the clock was set back since the last look; 0 if it was not.
+
+        Args:
+            now: time of the computer, ns.
+        """
+        back = (self._latest - now) * NANO
+        if back > self.LEAST:
+            self._latest = now
+            return back
+        self._latest = max(now, self._latest)
+        return 0.0
+
+
 @dataclass
 class Age:
     """How long ago the newest of a stream of data was measured.
@@ -84,13 +112,16 @@ class Age:
     def at(self, now: int, real: float) -> float:
         """Return the age in s, never below 0; NaN if there is no data yet.
 
+        Where the stamp lies in the future, the clock was set back, and has no say.
+
         Args:
             now: ROS time, ns.
             real: time in s on the clock that never steps.
         """
         if self.time is None:
             return nan
-        return max(0.0, min((now - self.time) * NANO, real - self.heard))
+        age = (now - self.time) * NANO
+        return real - self.heard if age < -AHEAD else max(0.0, min(age, real - self.heard))
 
 
 class StampRate:

@@ -32,9 +32,11 @@ class CommandedMove:
         at_stop: it ends at a stop of the line; else it only travels.
         stop: of the line.
         axes: that are to move, such as X or XYZ; empty where none does.
-        position: actual one at the begin, m; NaN if it is not known.
+        position: actual one at the begin, m; NaN if it is not known. Where targets are corrected,
+            the place that it is meant for.
         target: m.
         feed: m/s.
+        uncorrected: actual position at the begin where targets are corrected, m.
     """
 
     line_index: int
@@ -44,6 +46,7 @@ class CommandedMove:
     position: Point
     target: Point
     feed: float
+    uncorrected: Point | None = None
 
 
 @dataclass(frozen=True)
@@ -140,10 +143,13 @@ class MotionPermission:
         return ""
 
     def _refusal_of_axes(self, move: CommandedMove) -> str:
+        # A run that begins or is resumed has an axis stay at its actual place.
         stray = [
             axis
-            for axis, place, target in zip(AXES, move.position, move.target, strict=True)
-            if axis not in move.axes and abs(target - place) > OFF_LINE
+            for axis, place, actual, target in zip(
+                AXES, move.position, move.uncorrected or move.position, move.target, strict=True
+            )
+            if axis not in move.axes and min(abs(target - place), abs(target - actual)) > OFF_LINE
         ]
         if stray:
             asked = " and ".join(move.axes) or "none"

@@ -8,6 +8,7 @@ from enum import Enum, IntEnum
 import numpy as np
 
 from stepdiag_ros.metrology.assembly import repetition_helps
+from stepdiag_ros.metrology.geometry import AXES
 from stepdiag_ros.metrology.measurement import StopCommand
 from stepdiag_ros.metrology.on_the_fly.flight import needs_corner_stops
 from stepdiag_ros.metrology.plan import HOLD, Line, Plan, moved_axes
@@ -30,6 +31,8 @@ TARGET_LIMIT = 20.0
 """Real seconds that a run with a target waits for the solution of a line that may be its last."""
 MOVE_ALLOWANCE = 5.0
 """ROS seconds that a move may take beyond twice its nominal time."""
+MOVED = 1e-3
+"""m: by more, an axis was moved in a pause; a corrected target and servo drift are less."""
 
 
 class State(IntEnum):
@@ -230,6 +233,8 @@ class Sequence:
     def resume(self, now: int, real: float, position: tuple[float, float, float]) -> None:
         """Go on after a pause or a setup; after a fault measure the present line again.
 
+        A machine that was moved in a pause is a fault: it would come to the next stop another way.
+
         Raises:
             ValueError: there is nothing to resume.
         """
@@ -240,6 +245,9 @@ class Sequence:
             return
         if self.state is State.WAITING_FOR_SETUP:
             self._confirmed_setup = self._setup()
+        elif self.state is State.PAUSED and (moved := self._moved_to(position)):
+            self.fault(f"{moved} in the pause: resume to measure the line again")
+            return
         elif self.state is State.FAULT:
             # Whatever stopped the run may have moved the beam or lost the fringe count.
             self._position = np.asarray(position, dtype=np.float64)
@@ -461,6 +469,14 @@ class Sequence:
         self.unready = ""
         if state is State.RUNNING:
             self.unstopped = ""
+
+    def _moved_to(self, position: tuple[float, float, float]) -> str:
+        """Name the axis that was moved most since the run has stopped it; empty if none was."""
+        off = np.asarray(position) - self._position
+        axis = int(np.argmax(np.abs(off)))
+        if abs(off[axis]) <= MOVED:
+            return ""
+        return f"{AXES[axis]} was moved by {off[axis] * 1e3:.1f} mm"
 
     def _restart_line(self) -> None:
         self._attempt += 1

@@ -366,6 +366,21 @@ def test_a_controller_that_fails_in_a_move_is_stopped_closed_and_opened_anew(ben
     cell.await_state("unconfigured", "cannot start a move: no answer")
 
 
+def test_a_clock_that_is_set_back_in_a_move_stops_the_machine(bench, monkeypatch):
+    cell = bench(BridgeNode, "silence_limit:=10.0")
+    cell.await_state("active")
+    cell.begin_run()
+    assert cell.trigger("reset").success
+    cell.command(1, 0.01)
+    now = cell.node.now
+    monkeypatch.setattr(cell.node, "now", lambda: now() - 3_600_000_000_000)
+    cell.await_state("unconfigured", "set back by 3600.0 s")
+    assert asked[-2:] == ["stop", "close"]
+    cell.until(lambda: cell.heard[topics.COMMAND_STATUS][-1].status == Answer.FAULT)
+    cell.await_state("active")
+    assert asked.count("start_move") == 1
+
+
 def test_a_crash_leaves_no_machine_in_motion(monkeypatch):
     arguments = [word for entry in PARAMETERS for word in ("-p", entry)]
     monkeypatch.setattr("sys.argv", ["bridge", "--ros-args", *arguments])

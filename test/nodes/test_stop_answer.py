@@ -10,10 +10,11 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from stepdiag_ros import topics
+from stepdiag_ros.messages.fields import to_nanoseconds
 from stepdiag_ros.nodes import sequencer
 from stepdiag_ros.nodes.links import message_class, quality
 from stepdiag_ros.nodes.sequencer import SequencerNode
-from stepdiag_ros.run.sequence import Sequence, State
+from stepdiag_ros.run.sequence import Command, Purpose, Sequence, State
 
 REFUSAL = "the controller has failed: use the emergency stop"
 
@@ -68,6 +69,23 @@ def rig():
     yield made
     made.executor.shutdown()
     rclpy.try_shutdown()
+
+
+def test_a_run_ends_when_the_clock_is_set_back_and_the_next_is_commanded_by_the_new_time(
+    rig, monkeypatch
+):
+    rig.offer(success=True)
+    node, now, hour = rig.node, rig.node.now, 3_600_000_000_000
+    node._not_before = now()
+    node._update()
+    monkeypatch.setattr(node, "now", lambda: now() - hour)
+    assert "set back by 3600.0 s" in rig.said("set back")
+    assert node.run_over and node._sequence.state is State.ABORTED
+    commands = []
+    monkeypatch.setattr(node._commands, "publish", commands.append)
+    command = Command(1, Purpose.STOP, 0, 1, "x", 0, "X", (0.01, 0.0, 0.0), 0.01)
+    node._send(command)
+    assert to_nanoseconds(commands[0].header.stamp) <= now() - hour
 
 
 def test_a_machine_that_was_stopped_is_not_spoken_of(rig):

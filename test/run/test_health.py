@@ -12,6 +12,7 @@ from stepdiag_ros.run.health import (
     Clockwork,
     Gaps,
     Level,
+    SetBack,
     StampRate,
     figure,
 )
@@ -32,8 +33,16 @@ def test_data_grows_old_only_if_ros_time_and_real_time_both_say_so():
     # A simulated clock that hurries, and one that stands still while the computer is busy.
     assert age.at(40 * SECOND, 100.5) == pytest.approx(0.5)
     assert age.at(10 * SECOND, 130.0) == 0.0
-    # A stamp of the future is new.
+    # A stamp of the future is new, but for a clock that was set back.
     assert age.at(9 * SECOND, 130.0) == 0.0
+    assert age.at(8 * SECOND, 130.0) == pytest.approx(30.0)
+
+
+def test_a_clock_that_is_set_back_is_noticed_once_and_one_that_is_set_forward_is_not():
+    clock = SetBack()
+    looks = [100.0, 101.0, 100.95, 101.1, 5.0, 6.0, 900.0, 899.0]
+    found = [clock.look(round(time * SECOND)) for time in looks]
+    assert found == pytest.approx([0.0, 0.0, 0.0, 0.0, 96.1, 0.0, 0.0, 1.0])
 
 
 class TestRate:

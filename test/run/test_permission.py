@@ -56,6 +56,15 @@ def travel(axes, position, target, **changed):
     return a_move(at_stop=False, stop=0, axes=axes, position=position, target=target, **changed)
 
 
+def test_an_axis_that_stands_may_stay_where_a_correction_has_brought_it():
+    meant, actual = (0.0, 0.0, 0.0), (0.0, 3e-4, 0.0)
+    for place in (meant, actual):
+        move = travel("X", meant, (0.01, place[1], 0.0), uncorrected=actual)
+        assert permission().refusal(move) == ""
+    elsewhere = travel("X", meant, (0.01, 6e-4, 0.0), uncorrected=actual)
+    assert "move Y as well" in permission().refusal(elsewhere)
+
+
 FAR = (0.3, 0.3, 0.25)
 
 

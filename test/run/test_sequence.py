@@ -313,6 +313,29 @@ def test_pause_takes_effect_after_the_stop_and_resume_goes_on():
     assert rig.sequence.state is State.FINISHED
 
 
+@pytest.mark.parametrize(("off", "again"), [(0.9e-3, False), (-1.1e-3, True), (0.05, True)])
+def test_a_machine_that_was_moved_in_a_pause_measures_the_line_again(off, again):
+    rig = Rig()
+    rig.start()
+    rig.obey()
+    before = rig.sent[-1]
+    rig.sequence.pause()
+    rig.obey()
+    x, y, z = rig.sent[-1].target
+    rig.sequence.resume(rig.now, rig.real, (x + off, y, z))
+    if not again:
+        rig.finish()
+        assert {command.attempt for command in rig.sent} == {before.attempt}
+        return
+    assert rig.sequence.state is State.FAULT and f"X was moved by {off * 1e3:.1f} mm" in (
+        rig.sequence.text
+    )
+    rig.sequence.resume(rig.now, rig.real, (x + off, y, z))
+    rig.align()
+    assert rig.sent[-1].attempt == before.attempt + 1
+    assert rig.sent[-1].setup != before.setup
+
+
 def test_abort_stops_the_machine_for_good():
     rig = Rig()
     rig.start()

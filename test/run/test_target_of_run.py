@@ -131,7 +131,7 @@ def test_pause_abort_and_resume_keep_the_target():
     assert rig.sequence.state is State.PAUSED
     rig.sequence.solved(OPEN)
     assert rig.sequence.state is State.PAUSED
-    rig.sequence.resume(rig.now, rig.real, ORIGIN)
+    rig.sequence.resume(rig.now, rig.real, rig.sent[-1].target)
     rig.align()
     rig.measure_line()
     rig.measure_line()
