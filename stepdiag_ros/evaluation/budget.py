@@ -128,7 +128,7 @@ def uncertainty_of_largest(
     preferred = report.preferred()
     if preferred is None or budget is None or not found.value > 0.0:
         return LargestErrorUncertainty(of_readings, None)
-    made = budget_of_largest_error(preferred, found, budget, report.chain)
+    made = budget_of_largest_error(preferred, found, budget, report.chain, report.plausible)
     return LargestErrorUncertainty(of_readings, made)
 
 

@@ -28,7 +28,7 @@ from stepdiag_ros.metrology.solvers.catalogue import in_order_of_reliance, to_re
 from stepdiag_ros.metrology.solvers.result import NotDeterminable, VolumetricErrors
 from stepdiag_ros.metrology.standards.axis_test import all_runs
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
-from stepdiag_ros.metrology.standards.volumetric import uncertainty_of_worst
+from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.target import (
     VOLUMETRIC,
     Target,
@@ -138,7 +138,7 @@ def reached(
     found = _by_results(target, measurement, results)
     if target.quantity != VOLUMETRIC or not isfinite(found):
         return found
-    # What is stated is of one place alone, but has the uncertainty budget in it.
+    # What is stated has the uncertainty budget in it.
     return float(np.fmax(found, lead.expanded_uncertainty))
 
 
@@ -154,7 +154,7 @@ def _by_results(
         if best is None:
             return nan
         chain, plausible = measurement.chain, measurement.plausible
-        return COVERAGE_FACTOR * uncertainty_of_worst(results[best], chain, plausible)
+        return COVERAGE_FACTOR * of_result(results[best], chain, plausible).standard_uncertainty
     for name in reversed(in_order_of_reliance(results)):
         spread = _of_result(target.quantity, results[name]) if to_rely_on([name]) else nan
         if isfinite(spread):

@@ -53,7 +53,7 @@ def scatter_of_largest(result: VolumetricErrors, chain: str) -> float:
     """
     if not result.readings_covariance.size:
         return float("nan")
-    return of_result(_scattering(result), chain, NOTHING_TURNS).standard_uncertainty
+    return of_result(_scattering(result), chain, NOTHING_TURNS).at_the_place
 
 
 def layout_digest(measurement: Measurement) -> str:

@@ -39,7 +39,7 @@ from stepdiag_ros.metrology.geometry import (
     translation,
 )
 from stepdiag_ros.metrology.learned_displacement import LearnedDisplacement
-from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible, mode_count, modes
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
@@ -233,6 +233,54 @@ class VolumetricMap(CurveSet):
         made[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
         return made
 
+    def factors_at(self, positions: Vector) -> Vector:
+        """Return what causes of standard deviation 1 do to the error vectors at places, m.
+
+        The causes are independent of each other and the same at all places: ``covariance_at`` holds
+        the products at one place. Rotations that are left out, and of which the result does not
+        state how they go with its curves, are as large as is plausible; of a chain that is not
+        known, the one in which they do most.
+
+        Args:
+            positions: machine coordinates, m, shape (n, 3).
+
+        Returns:
+            shape (n, 3, causes); NaN where ``covariance_at`` is.
+        """
+        weights, unknown = self.sensitivities(positions)
+        size = weights.shape[-1]
+        if self.covariance.shape != (size, size):
+            return np.full((len(weights), 3, 1), nan)
+        covariance = np.where(np.isfinite(self.covariance), self.covariance, 0.0)
+        missing = ~np.isfinite(np.diag(self.covariance))
+        parts = []
+        if self.left_out and self._left_out_known():
+            curves, rotations = self.turned_factor[:size], self.turned_factor[size:]
+            covariance = covariance - curves @ curves.T
+            parts.append(weights @ curves + self.rotation_weights(positions) @ rotations)
+        elif self.left_out:
+            chains = (self.chain,) if self.chain else CHAINS
+            turned = (self._plausible_turns(positions, chain) for chain in chains)
+            parts.append(max(turned, key=lambda one: float(np.sum(one**2))))
+        parts.append(weights @ _root(covariance))
+        if self.learned:
+            parts.append(self._learned_moves(positions) @ _root(self.learned_covariance))
+        factors: Vector = np.concatenate(parts, axis=2)
+        factors[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
+        return factors
+
+    def _plausible_turns(self, positions: Vector, chain: str) -> Vector:
+        """Return what each mode of plausible rotations that are left out does, m, (n, 3, modes)."""
+        ways = self.nearest(positions) - self.low
+        share, arms = ways / (self.high - self.low), levers(ways, chain)
+        parts = []
+        for name in self.left_out:
+            axis = moving_axis(name)
+            turn = np.cross(np.eye(3)["ABC".index(name[2])], arms[axis])
+            shapes = modes(share[:, axis], mode_count(len(self.nodes[axis]) - 1))
+            parts.append(self.plausible.rotation * turn[:, :, None] * shapes[:, None, :])
+        return np.concatenate(parts, axis=2)
+
     def _of_left_out(self, positions: Vector, weights: Vector) -> Vector:
         """Return what the rotations that are left out add to the covariance, m², (n, 3, 3)."""
         size = weights.shape[-1]
@@ -293,12 +341,17 @@ class VolumetricMap(CurveSet):
             weights[:, column] = one.product(places) - one.product(self.low[None, :])
         return weights
 
-    def _of_learned(self, positions: Vector) -> Vector:
-        """Return what the learned amplitudes add to the covariance, m², shape (n, 3, 3)."""
+    def _learned_moves(self, positions: Vector) -> Vector:
+        """Return what a unit of each learned amplitude moves the tool by, shape (n, 3, k)."""
         weights = self._learned_weights(positions)
         moves = np.zeros((len(weights), 3, len(self.learned)))
         for column, one in enumerate(self.learned):
             moves[:, one.axis, column] = weights[:, column]
+        return moves
+
+    def _of_learned(self, positions: Vector) -> Vector:
+        """Return what the learned amplitudes add to the covariance, m², shape (n, 3, 3)."""
+        moves = self._learned_moves(positions)
         made: Vector = np.einsum(
             "nij,jk,nlk->nil", moves, self.learned_covariance, moves, optimize=True
         )
@@ -458,6 +511,13 @@ class VolumetricMap(CurveSet):
                 part = turn[:, :, None] * shares[:, None, :]
             parts.append(part)
         return np.concatenate(parts, axis=2)
+
+
+def _root(covariance: Vector) -> Vector:
+    """Return a factor whose product with its transpose is the covariance, shape (n, n)."""
+    variances, vectors = np.linalg.eigh(covariance)
+    root: Vector = vectors * np.sqrt(np.maximum(variances, 0.0))
+    return root
 
 
 def _told_by_lines(curve: Vector) -> Vector:

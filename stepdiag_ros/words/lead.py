@@ -34,8 +34,6 @@ from stepdiag_ros.text.numbers import (
 from stepdiag_ros.text.terminal import fitted
 from stepdiag_ros.words.positioning import leading_sentences, uneven_reason
 
-_NOTABLY = 1.05
-"""Ratio to value + U above which the bound of all other places is worth a sentence."""
 _MOST_ERRORS = 3
 _MOST_MISSING = 6
 _REPORT = ("report {}", "the report to hand over: HTML, PDF, JSON")
@@ -314,16 +312,8 @@ def _worst(lead: RunLead, accuracy: VolumetricAccuracy) -> str:
     return (
         f"Largest error in the measured volume: {size} µm{which} at"
         f" {place_in_mm(accuracy.position)} ({said}errors count from the first corner of the"
-        f" volume).{_elsewhere(lead, accuracy)}"
+        " volume)."
     )
-
-
-def _elsewhere(lead: RunLead, accuracy: VolumetricAccuracy) -> str:
-    """Say how large the error may be where it is known less well; empty where that is no more."""
-    bound = accuracy.upper_bound(lead.expanded_uncertainty)
-    if not bound > _NOTABLY * (accuracy.value + lead.expanded_uncertainty):
-        return ""
-    return f" At another place it may be up to {plain(bound * IN_MICRO, 1)} µm (95 %)."
 
 
 def _has_values(lead: RunLead) -> bool:

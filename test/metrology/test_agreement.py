@@ -155,7 +155,7 @@ def test_e_n_and_its_sign():
     first, second = (of_result(one.result, "YXZ", NOTHING) for one in (before, after))
     assert (found.worst.before, found.worst.after) == (first.value, second.value)
     assert (found.rms.before, found.rms.after) == (first.rms, second.rms)
-    assert found.worst.before_uncertainty == pytest.approx(first.standard_uncertainty, rel=1e-3)
+    assert found.worst.before_uncertainty == pytest.approx(first.at_the_place, rel=1e-3)
     np.testing.assert_allclose(found.worst_places, [first.position, second.position])
 
 

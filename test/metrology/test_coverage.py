@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from cells_for_tests import by_noise_alone, make_cell, make_plan
 
+from stepdiag_ros.metrology.forward import ErrorCurves
 from stepdiag_ros.metrology.geometry import CHAINS, TRANSLATIONS
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
+from stepdiag_ros.metrology.standards.volumetric import of_result, volumetric_accuracy
 
 SHARES = {10: (0.92, 0.99), 200: (0.93, 0.97)}
 """Number of runs → between which bounds the share of values inside their 95 % must lie.
@@ -73,3 +75,41 @@ def test_bands_hold_on_machines_that_turn_and_whose_zero_wanders(method, chain_k
             yield solve(measured, method), cell.truth(plan.volume)
 
     assert SHARES[count][0] <= share_inside(runs()) <= 0.995
+
+
+LARGEST = {10: 0.9, 200: 0.94}
+"""Number of runs → share of them in which the true largest error must lie within value ± 1.96 u."""
+
+
+@pytest.mark.parametrize(
+    ("method", "size", "rotation"),
+    [
+        ("least_squares", 1e-6, 10e-6),
+        ("least_squares", 0.05e-6, 20e-6),
+        ("least_squares", 5e-6, 3e-6),
+        ("setup_robust", 1e-6, 10e-6),
+    ],
+)
+@pytest.mark.parametrize("count", LARGEST, ids=["few", "many"])
+def test_the_largest_error_lies_within_its_uncertainty(method, size, rotation, count):
+    """In a box of 0.3 m, with zero wander from pass to pass; a machine of which half is hidden.
+
+    The largest error of the map is at one place; the true one points another way, or is elsewhere.
+    """
+    step = (0.05, 0.05, 0.05)
+    plan = make_plan(6, step=step, repeats=2, directions=("forward", "backward"))
+    inside = 0
+    for run in range(count):
+        chain = CHAINS[run % 6]
+        cell = make_cell(
+            seed=run, chain=chain, high=(0.3, 0.3, 0.3), size=size, rotation=rotation, mirror=1e-4
+        )
+        measured = simulate(plan, cell, seed=1000 + run)
+        for line in measured.lines:
+            line.displacement[:] += 0.2e-6 * np.random.default_rng(run).standard_normal()
+        found = of_result(solve(measured, method), chain, measured.plausible)
+        nodes = [nodes - nodes[0] for nodes in plan.volume.all_nodes]
+        truth = ErrorCurves.from_curves(nodes, cell.truth(plan.volume))
+        off = abs(found.value - volumetric_accuracy(truth, chain).value)
+        inside += off <= 1.96 * found.standard_uncertainty
+    assert inside >= LARGEST[count] * count

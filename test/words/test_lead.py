@@ -400,16 +400,6 @@ def test_rotations_that_no_line_shows_have_the_size_that_the_machine_states():
     assert found[0] < found[1] < found[2]
 
 
-def test_a_place_where_the_error_may_be_larger_is_named_where_that_is_notable():
-    wide = 1e-6
-    lead = replace(lead_of(make_report()), expanded_uncertainty=wide)
-    value = lead.volume.value
-    for bound, notable in ((value + wide, False), (1.5 * (value + wide), True)):
-        volume = replace(lead.volume, highest=(bound, 0.0))
-        said = " ".join(size_sentences(replace(lead, volume=volume)))
-        assert (f"up to {1e6 * bound:.1f} µm" in said) is notable
-
-
 def test_the_document_of_a_lead_states_where_the_largest_error_is_and_its_bound_elsewhere():
     lead = lead_of(make_report(results=(make_result(),), bag=Path("run.mcap")))
     made = lead_document(replace(lead, expanded_uncertainty=1e-6))

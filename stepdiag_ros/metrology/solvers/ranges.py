@@ -30,27 +30,48 @@ def range_excess(values: Vector, covariance: Vector) -> float:
     Returns:
         The excess in the unit of the values; NaN where the covariance is not known.
     """
-    from scipy.special import chdtri
-
     if not np.all(np.isfinite(covariance)):
         return float("nan")
     if not np.any(covariance):
         return 0.0
-    variances, vectors = np.linalg.eigh(covariance)
-    told = np.flatnonzero(variances > _RANK_LIMIT * variances[-1])
-    variances, vectors = variances[told], vectors[:, told]
-    root = vectors * np.sqrt(variances)
-    squares = float(np.sum((vectors.T @ values) ** 2 / variances))
-    by_chance = float(chdtri(float(len(told)), _BY_CHANCE))
-    true = values * (max(1.0 - by_chance / squares, 0.0) if squares > 0.0 else 0.0)
-    drawn = true + _draws(root.shape[1]) @ root.T
+    variances, vectors = _spectrum(covariance)
+    true = values * (1.0 - _share(values, variances, vectors))
+    drawn = true + draws(len(variances)) @ (vectors * np.sqrt(variances)).T
     # Draws along the rows: the extremes of many columns at once are found several times as fast.
     ranges = np.ptp(np.ascontiguousarray(drawn.T), axis=0)
     return max(float(np.mean(ranges) - np.ptp(true)), 0.0)
 
 
+def share_by_chance(values: Vector, covariance: Vector) -> float:
+    """Return the share of estimated values that their own uncertainty may explain, 0 to 1.
+
+    Args:
+        values: estimated, shape (n,).
+        covariance: of them, shape (n, n).
+    """
+    return _share(values, *_spectrum(covariance)) if np.any(covariance) else 0.0
+
+
+def _spectrum(covariance: Vector) -> tuple[Vector, Vector]:
+    variances, vectors = np.linalg.eigh(covariance)
+    told = np.flatnonzero(variances > _RANK_LIMIT * variances[-1])
+    return variances[told], vectors[:, told]
+
+
+def _share(values: Vector, variances: Vector, vectors: Vector) -> float:
+    from scipy.special import chdtri
+
+    along = vectors.T @ values
+    # What no variance explains is known all the better.
+    beside = values - vectors @ along
+    squares = float(np.sum(along**2 / variances))
+    squares += float(beside @ beside) / (_RANK_LIMIT * float(variances[-1]))
+    by_chance = float(chdtri(float(len(variances)), _BY_CHANCE))
+    return min(by_chance / squares, 1.0) if squares > 0.0 else 1.0
+
+
 @lru_cache(maxsize=4)
-def _draws(count: int) -> Vector:
+def draws(count: int) -> Vector:
     """Return the same standard normal numbers for every curve, shape (``_DRAWS``, count)."""
     draws: Vector = np.random.default_rng(0).standard_normal((_DRAWS, count))
     draws.flags.writeable = False

@@ -28,15 +28,13 @@ from stepdiag_ros.metrology.geometry import (
 from stepdiag_ros.metrology.plausible import ORDINARY, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
-from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
+from stepdiag_ros.metrology.uncertainty.longest_vector import spread_of_longest
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
 MOST_POINTS = 50_000
 """Nodes that are looked at in one go; more are done plane by plane, to bound the memory."""
-_BOUND_POINTS = 500
-"""Nodes at which a length with its uncertainty is looked at."""
-MOST_RIVALS = 200
-"""Places whose error vector may be the longest that are looked at, the longest first."""
+_PLACES = 500
+"""Nodes at which the limit of the uncertainty is looked for."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +45,14 @@ class VolumetricAccuracy:
         value: its length, m; NaN if not determined.
         position: machine coordinates of the place, m.
         vector: the error vector there, m, X Y Z.
-        standard_uncertainty: of the length, from the covariance of the error curves, at that place;
-            m; NaN if not known.
+        standard_uncertainty: of the largest error, wherever it is, from the covariance of the error
+            curves (``longest_vector``), m; NaN if not known.
+        at_the_place: of the length of this vector alone, to first order, m; NaN if not known.
         frame: of the error curves, in words.
         remarks: what the reader must know, in words.
         rms: of the error vectors' lengths over all nodes of the volume, m; NaN if not determined.
-        uncertainty_limit: what the standard uncertainty of the length cannot exceed, however the
-            errors of the curves are correlated, m; NaN if not known.
-        highest: length and standard uncertainty, m, where the length with its expanded uncertainty
-            is the largest, which may be at another place; NaN if not known.
+        uncertainty_limit: what the uncertainty at any place and in any direction cannot exceed,
+            however the errors of the curves are correlated, m; NaN if not known.
     """
 
     value: float
@@ -66,25 +63,11 @@ class VolumetricAccuracy:
     remarks: tuple[str, ...] = field(default=())
     rms: float = nan
     uncertainty_limit: float = nan
-    highest: tuple[float, float] = (nan, nan)
+    at_the_place: float = nan
 
     def upper_bound(self, expanded_uncertainty: float) -> float:
-        """Return what the error is below, with 95 %, at every place of the volume, m.
-
-        A shorter error vector with a larger uncertainty may be the one that exceeds a limit.
-
-        Args:
-            expanded_uncertainty: U of the longest error vector, m; where it is larger than by the
-                covariance of the curves, it is so in the same proportion everywhere.
-        """
-        length, uncertainty = self.highest
-        own = COVERAGE_FACTOR * self.standard_uncertainty
-        larger = expanded_uncertainty / own if expanded_uncertainty > own > 0.0 else 1.0
-        bounds = (
-            self.value + expanded_uncertainty,
-            length + larger * COVERAGE_FACTOR * uncertainty,
-        )
-        return float(np.fmax(*bounds))
+        """Return what the error is below, with 95 %, at every place of the volume, m."""
+        return self.value + expanded_uncertainty
 
 
 def volumetric_accuracy(
@@ -146,9 +129,9 @@ def of_result(
 ) -> VolumetricAccuracy:
     """Return the volumetric accuracy of a solved error map, with its uncertainty.
 
-    The uncertainty is that of the length of the error vector at the worst place (linear, with the
-    covariance of the curves, and with what rotations do that were not solved for, see
-    ``volumetric_map``); that another place may be the worst is not in it. Where the
+    The uncertainty is that of the largest error: with the covariance of the curves, with what
+    rotations do that were not solved for (``volumetric_map``), and with the chance that the largest
+    error is at another place or points another way (``longest_vector``). Where the
     covariance is not at hand (a recorded result), the standard uncertainties of the curves still
     give a limit: u(Σ w_i x_i) <= Σ |w_i| u(x_i).
 
@@ -195,85 +178,25 @@ def of_result(
         ErrorCurves.from_curves(shifted, result.curves), chain or "XYZ", result.frame
     )
     place = np.asarray(found.position) + corner
-    spread = limit = nan
-    highest = (nan, nan)
+    error_map = VolumetricMap.of_result(result, chain, plausible)
+    spread = spread_of_longest(error_map, found.value, place)
+    limits = error_map.uncertainty_limit_at(np.vstack([error_map.some_nodes(_PLACES), place]))
+    at_the_place = nan
     if found.value > 0:
-        error_map = VolumetricMap.of_result(result, chain, plausible)
         along = np.asarray(found.vector) / found.value
         variance = along @ error_map.covariance_at(place[None, :])[0] @ along
-        spread = float(np.sqrt(np.maximum(variance, 0.0)))
-        limit = float(np.abs(along) @ error_map.uncertainty_limit_at(place[None, :])[0])
-        highest = _highest(error_map)
+        at_the_place = float(np.sqrt(np.maximum(variance, 0.0)))
     return VolumetricAccuracy(
         value=found.value,
         position=_triple(place),
         vector=found.vector,
-        standard_uncertainty=spread,
+        standard_uncertainty=float(np.fmax(spread, at_the_place)),
+        at_the_place=at_the_place,
         frame=result.frame,
         remarks=tuple(remarks),
         rms=found.rms,
-        uncertainty_limit=limit,
-        highest=highest,
+        uncertainty_limit=float(np.max(np.linalg.norm(limits, axis=1))),
     )
-
-
-def _highest(error_map: VolumetricMap) -> tuple[float, float]:
-    """Return length and standard uncertainty where the length may be the largest, m."""
-    places = error_map.some_nodes(_BOUND_POINTS)
-    lengths, uncertainties = _along(error_map, places)
-    bounds = lengths + COVERAGE_FACTOR * uncertainties
-    if not np.any(np.isfinite(bounds)):
-        return nan, nan
-    place = int(np.nanargmax(bounds))
-    return float(lengths[place]), float(uncertainties[place])
-
-
-def _along(error_map: VolumetricMap, places: Vector) -> tuple[Vector, Vector]:
-    """Return lengths of the error vectors at some places and their standard uncertainties, m."""
-    vectors = error_map.errors(places)
-    lengths = np.linalg.norm(vectors, axis=1)
-    along = vectors / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    variances = np.einsum("ni,nij,nj->n", along, error_map.covariance_at(places), along)
-    return lengths, np.sqrt(np.maximum(variances, 0.0))
-
-
-def uncertainty_of_worst(
-    result: VolumetricErrors, chain: str = "", plausible: Plausible = ORDINARY
-) -> float:
-    """Return the standard uncertainty of the longest error vector, wherever that may be, m.
-
-    Of two places with errors of nearly the same length, the next readings may make either the
-    worst. So it is the largest over all places whose error vector may be the longest: those that
-    are shorter than the longest by no more than its expanded uncertainty. Where the map has no
-    errors (a perfect machine), it is that of any direction at the corners.
-
-    Args:
-        result: as in ``of_result``.
-        chain: as in ``of_result``.
-        plausible: as in ``of_result``.
-
-    Returns:
-        NaN where the errors or their uncertainty are not known.
-
-    Raises:
-        ValueError: the result has rotations and no chain is given.
-    """
-    found = of_result(result, chain, plausible)
-    if not np.isfinite(found.value):
-        return nan
-    error_map = VolumetricMap.of_result(result, chain, plausible)
-    if not found.value > 0.0:
-        corners = places_of([nodes[[0, -1]] for nodes in result.nodes])
-        traces = np.trace(error_map.covariance_at(corners), axis1=1, axis2=2)
-        return float(np.sqrt(np.max(traces) / len(AXES)))
-    places = error_map.some_nodes(MOST_POINTS)
-    lengths = np.linalg.norm(error_map.errors(places), axis=1)
-    rivals = lengths >= found.value - COVERAGE_FACTOR * found.standard_uncertainty
-    rivals &= lengths > 0.0
-    among = np.flatnonzero(rivals)
-    among = among[np.argsort(-lengths[among])][:MOST_RIVALS]
-    _, uncertainties = _along(error_map, places[among])
-    return float(np.max(uncertainties, initial=found.standard_uncertainty))
 
 
 def _triple(values: Vector) -> tuple[float, float, float]:

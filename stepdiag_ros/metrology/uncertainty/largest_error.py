@@ -4,6 +4,9 @@ Its length is to first order a sum of values of curves at one place, with factor
 on it by w·F, F what it does to the curves with all correlations, so that contributions of curves
 cancel in part or add. Rotations that the method leaves out act twice: by the readings on the
 curves, and by their levers on the tool itself, which the error map does not contain.
+
+That the largest error may be at another place, or point another way, is in no such sum. It is a
+contribution of its own (``longest_vector``).
 """
 
 from dataclasses import dataclass
@@ -11,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, ROTATIONS, Vector, moving_axis
-from stepdiag_ros.metrology.plausible import modes
+from stepdiag_ros.metrology.plausible import ORDINARY, Plausible, modes
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.metrology.standards.volumetric import VolumetricAccuracy
 from stepdiag_ros.metrology.uncertainty.budget import (
@@ -20,6 +23,7 @@ from stepdiag_ros.metrology.uncertainty.budget import (
     effective_degrees_of_freedom,
 )
 from stepdiag_ros.metrology.uncertainty.coverage import Expanded
+from stepdiag_ros.metrology.uncertainty.longest_vector import spread_of_longest
 from stepdiag_ros.metrology.uncertainty.source import ANGULAR, Source
 from stepdiag_ros.metrology.volumetric_map import VolumetricMap
 
@@ -30,6 +34,8 @@ class LargestErrorBudget:
 
     Attributes:
         value: its length, m.
+        elsewhere: standard uncertainty beside the sources, because the largest error may be at
+            another place or point another way, m; NaN where the covariance is not known.
         contributions: standard uncertainty by each source of the budget alone, m, shape (s,); NaN
             where the source is not known and acts; 0 where it does not act.
         degrees_of_freedom: effective, by Welch and Satterthwaite (GUM G.4.1).
@@ -37,14 +43,15 @@ class LargestErrorBudget:
     """
 
     value: float
+    elsewhere: float
     contributions: Vector
     degrees_of_freedom: float
     coverage_factor: float
 
     @property
     def standard_uncertainty(self) -> float:
-        """Return the combined standard uncertainty of all known sources, m."""
-        return float(np.sqrt(np.nansum(self.contributions**2)))
+        """Return the combined standard uncertainty of all that is known, m."""
+        return float(np.sqrt(np.nansum([*self.contributions**2, self.elsewhere**2])))
 
     @property
     def expanded(self) -> Expanded:
@@ -58,7 +65,11 @@ class LargestErrorBudget:
 
 
 def budget_of_largest_error(
-    result: VolumetricErrors, found: VolumetricAccuracy, budget: Budget, chain: str
+    result: VolumetricErrors,
+    found: VolumetricAccuracy,
+    budget: Budget,
+    chain: str,
+    plausible: Plausible = ORDINARY,
 ) -> LargestErrorBudget:
     """Return what each source of a budget does to the length of the largest error vector.
 
@@ -67,10 +78,11 @@ def budget_of_largest_error(
         found: its largest error vector, which is determined and not zero.
         budget: of the method.
         chain: order of the axes from workpiece to tool; empty if not known.
+        plausible: size of rotations that the result does not determine.
     """
     along = np.asarray(found.vector) / found.value
     place = np.asarray(found.position)[None, :]
-    error_map = VolumetricMap.of_result(result, chain)
+    error_map = VolumetricMap.of_result(result, chain, plausible)
     by_curves = _of_quantities(along @ error_map.sensitivities(place)[0][0], error_map, budget)
     levers = along @ error_map.rotation_weights(place)[0] if chain else np.zeros(0)
     names = [quantity.name for quantity in budget.sensitivity.quantities]
@@ -91,7 +103,20 @@ def budget_of_largest_error(
         contributions[:, None], np.array([source.degrees_of_freedom for source in budget.sources])
     )
     factor = coverage_factor(freedom, budget.coverage)
-    return LargestErrorBudget(found.value, contributions, float(freedom[0]), float(factor[0]))
+    elsewhere = _elsewhere(error_map, found, float(np.sqrt(np.nansum(contributions**2))))
+    return LargestErrorBudget(
+        found.value, elsewhere, contributions, float(freedom[0]), float(factor[0])
+    )
+
+
+def _elsewhere(error_map: VolumetricMap, found: VolumetricAccuracy, of_sources: float) -> float:
+    """Return what other places and directions add to what the sources do at the place found, m.
+
+    Where the sources do more there than the covariance of the map states, they do so everywhere.
+    """
+    scale = max(of_sources / found.at_the_place, 1.0) if found.at_the_place > 0.0 else 1.0
+    whole = spread_of_longest(error_map, found.value, np.asarray(found.position), scale)
+    return float(np.sqrt(np.maximum(whole**2 - of_sources**2, 0.0)))
 
 
 def _of_quantities(weights: Vector, error_map: VolumetricMap, budget: Budget) -> Vector:

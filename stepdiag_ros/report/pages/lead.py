@@ -77,7 +77,6 @@ class ToleranceJudgement:
         more_acts: the run itself shows more than value and U contain.
         noise: the errors found are no more than noise makes.
         tested: a reading of the run could contradict the error curves, and was compared with them.
-        upper_bound: of the error at every place of the volume (95 %), m; NaN if unknown.
     """
 
     verdict: str
@@ -88,7 +87,6 @@ class ToleranceJudgement:
     more_acts: bool
     noise: bool
     tested: bool = True
-    upper_bound: float = math.nan
 
     @property
     def guard_band(self) -> float:
@@ -148,15 +146,11 @@ def judge(material: Material) -> ToleranceJudgement:
     value = math.nan if accuracy is None else accuracy.value
     expanded = material.expanded_uncertainty
     more_acts, noise = material.lead.more_acts, material.lead.noise
-    bound = math.nan if accuracy is None else accuracy.upper_bound(expanded)
-    proven = conformity(
-        value, expanded, tolerance, more_acts=more_acts, noise=noise, upper_bound=bound
-    )
+    proven = conformity(value, expanded, tolerance, more_acts=more_acts, noise=noise)
     verdict = _VERDICTS[proven]
     return ToleranceJudgement(
         *(verdict, value, expanded, material.lower_bound, tolerance, more_acts, noise),
         tested=material.lead.verdict.tested,
-        upper_bound=bound,
     )
 
 
@@ -274,13 +268,7 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
         " (ISO 14253-1).",
     }
     rests = f" {judged.basis}" if judged.decided and judged.basis else ""
-    elsewhere = ""
-    if judged.verdict == OPEN and judged.value + judged.expanded_uncertainty <= judged.tolerance:
-        elsewhere = (
-            " At another place the error is smaller, but with its uncertainty up to"
-            f" {plain(judged.upper_bound * IN_MICRO, 2)} µm."
-        )
-    return [reason[judged.verdict] + elsewhere + rests]
+    return [reason[judged.verdict] + rests]
 
 
 def _basis(material: Material) -> list[str]:

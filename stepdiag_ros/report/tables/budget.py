@@ -92,6 +92,7 @@ def largest_error_table(budget: Budget, largest: LargestErrorBudget) -> Table:
     for source, size in zip(budget.sources, largest.contributions, strict=True):
         if source.known:
             table.add_row(source.name, _size(float(size)))
+    table.add_row("another place or direction", _size(largest.elsewhere))
     table.add_section()
     lower, expanded = _bound(largest.at_least), largest.expanded.value
     table.add_row("combined u", lower + _size(largest.standard_uncertainty))

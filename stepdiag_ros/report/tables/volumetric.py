@@ -34,7 +34,6 @@ def accuracy_table(report: VolumetricReport) -> Table:
         "value ± U / µm",
         "at X, Y, Z / mm",
         "error vector X, Y, Z / µm",
-        "no error above / µm",
     )
     for method, found in report.accuracies.items():
         table.add_row(
@@ -42,7 +41,6 @@ def accuracy_table(report: VolumetricReport) -> Table:
             plus_minus(found.value, found.standard_uncertainty, IN_MICRO),
             _vector(found.position, IN_MILLI, 1),
             _vector(found.vector, IN_MICRO, 2),
-            plain(found.upper_bound(COVERAGE_FACTOR * found.standard_uncertainty) * IN_MICRO, 1),
         )
     return table
 
