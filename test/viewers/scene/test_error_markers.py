@@ -154,7 +154,7 @@ def test_the_words_say_how_large_how_sure_and_where():
     curves = curves_of(5)
     found = of_result(result_of(curves))
     text = text_of(markers(result_of(curves), PLAN)).replace("\n", " ")
-    assert f"{found.value * 1e6:.1f}" in text and "U at most" in text
+    assert f"{found.value * 1e6:.0f} µm" in text and "U at most" in text
     # Three of the nine curves end at zero at the first node: six or fewer uncertainties add up.
     bound = float(re.search(r"at most ([\d.]+) µm", text)[1]) * 1e-6 / 1.96
     assert bound == pytest.approx(found.uncertainty_limit, rel=0.05)
