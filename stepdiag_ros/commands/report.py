@@ -33,7 +33,7 @@ from stepdiag_ros.text.intake import refusals_of
 from stepdiag_ros.text.sentence import sentence
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from stepdiag_ros.archive.histories import HistoryOfRun
     from stepdiag_ros.bags.run import RecordedRun
@@ -127,7 +127,7 @@ def run(arguments: Namespace) -> int:
     """Make the report; see the module."""
     from stepdiag_ros.report.certificate.administration import require
     from stepdiag_ros.report.files import try_folder
-    from stepdiag_ros.report.pages.build import FORMATS
+    from stepdiag_ros.report.pages.build import FORMATS, NAMES
     from stepdiag_ros.report.pages.sections import sections
     from stepdiag_ros.text.console import make_console
 
@@ -135,7 +135,7 @@ def run(arguments: Namespace) -> int:
     sections()
     formats = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.output or results_folder(arguments.bag, "report")
-    stated = _stated(arguments)
+    stated = _stated(arguments, [folder / NAMES[name] for name in formats])
     given = _given(arguments, stated)
     if arguments.dcc is not None:
         require(given, stated)
@@ -287,11 +287,11 @@ def _counted(progress: Progress) -> "Callable[[str], None]":
     return tell
 
 
-def _stated(arguments: Namespace) -> "Laboratory":
+def _stated(arguments: Namespace, others: "Iterable[Path]") -> "Laboratory":
     """Return what the file of the laboratory states; refuse a certificate that cannot be made."""
     from stepdiag_ros.configuration import read_yaml
     from stepdiag_ros.report.certificate.laboratory import Laboratory
-    from stepdiag_ros.report.certificate.xml import refuse_signed
+    from stepdiag_ros.report.certificate.xml import refuse_unfit
 
     if arguments.dcc is not None:
         for option in ("laboratory", "instrument"):
@@ -301,7 +301,7 @@ def _stated(arguments: Namespace) -> "Laboratory":
                     fault="missing",
                     about=f"--{option}",
                 )
-        refuse_signed(arguments.dcc)
+        refuse_unfit(arguments.dcc, others)
     path = arguments.laboratory
     return Laboratory() if path is None else Laboratory.from_mapping(read_yaml(path), str(path))
 

@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -10,6 +11,8 @@ from tempfile import TemporaryFile
 from stepdiag_ros.metrology.refusal import Refusal
 
 FORCE = "name another file, or overwrite by --force"
+_HEAD = 65_536
+"""Bytes that are read of a file to see its kind."""
 _ELSEWHERE = "name another one with --output FOLDER"
 
 
@@ -109,6 +112,34 @@ def check_new(paths: Iterable[Path], overwrite: bool = False, remedy: str = FORC
                 f"two files would be called {path}; name one of them otherwise", fault="mismatch"
             )
         seen.add(path.resolve())
+
+
+def refuse_foreign(path: Path, ours: re.Pattern[bytes], kind: str) -> None:
+    """Refuse, before any work, to replace a file that is no earlier one of the same kind.
+
+    Args:
+        path: of the file to be written.
+        ours: what the head of every earlier one contains.
+        kind: what it is, in words.
+
+    Raises:
+        Refusal: a file with other content is there already, or a folder.
+    """
+    if path.is_dir():
+        raise Refusal(
+            f"{path} is a folder; name a file", fault="wrong_kind", about=kind, where=str(path)
+        )
+    if not path.is_file():
+        return
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    if head and not ours.search(head):
+        raise Refusal(
+            f"{path} is there already and is not a {kind}; it is not replaced. Name another file",
+            fault="exists",
+            about=kind,
+            where=str(path),
+        )
 
 
 def without_trailing_blanks(text: str) -> str:

@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_PROBABILITY, Expanded
+from stepdiag_ros.report.files import refuse_foreign
 
 VERSION = "3.3.0"
 LANGUAGE = "en"
@@ -20,6 +21,7 @@ _NAMESPACES = {
     "si": "https://ptb.de/si",
     "xsi": "http://www.w3.org/2001/XMLSchema-instance",
 }
+_CERTIFICATE = re.compile(rb"digitalCalibrationCertificate\b[^>]*https://ptb\.de/dcc")
 _NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that no XML 1.0 document can hold."""
 
@@ -162,19 +164,24 @@ def document(*rings: Element) -> bytes:
     return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
 
 
-def refuse_signed(path: Path) -> None:
-    """Demand that a file to be written is neither a folder nor a certificate with a signature.
+def refuse_unfit(path: Path, others: Iterable[Path] = ()) -> None:
+    """Demand that a file to be written replaces nothing but a certificate without a signature.
+
+    Args:
+        path: of the certificate.
+        others: files that are written with it.
 
     Raises:
-        Refusal: it is.
+        Refusal: something else is there already, or another file has the same name.
     """
-    if path.is_dir():
+    if path.resolve() in [other.resolve() for other in others]:
         raise Refusal(
-            f"{path} is a folder; name a file by --dcc",
-            fault="wrong_kind",
+            f"{path} is a file of the report as well; name another file by --dcc",
+            fault="twice",
             about="--dcc",
             where=str(path),
         )
+    refuse_foreign(path, _CERTIFICATE, "digital calibration certificate")
     if path.is_file() and b"http://www.w3.org/2000/09/xmldsig#" in path.read_bytes():
         raise Refusal(
             f"{path} is there already and signed; name another file by --dcc",

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import re
+import shutil
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -39,6 +40,7 @@ from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument
 from stepdiag_ros.report.certificate.build import certificate
 from stepdiag_ros.report.certificate.laboratory import Laboratory
+from stepdiag_ros.report.certificate.xml import refuse_unfit
 from stepdiag_ros.report.pages import pictures
 from stepdiag_ros.report.pages.given import Given
 from stepdiag_ros.report.pages.material import Material
@@ -469,3 +471,33 @@ def test_a_signed_certificate_is_not_overwritten(tmp_path, folder, capsys):
     assert main(["report", str(RUN), *options]) == 1
     assert "signed.xml" in capsys.readouterr().err
     assert signed.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "lab.yaml"])
+def test_a_file_that_is_no_certificate_is_not_overwritten(tmp_path, capsys, name):
+    shutil.copy(RUN, tmp_path / "run.mcap")
+    (tmp_path / "lab.yaml").write_text(FILE, encoding="utf-8")
+    before = (tmp_path / name).read_bytes()
+    options = ["--instrument", "demo", "--laboratory", str(tmp_path / "lab.yaml"), "--json"]
+    target = tmp_path / name
+    assert main(["report", str(tmp_path / "run.mcap"), *options, "--dcc", str(target)]) == 1
+    assert str(target) in capsys.readouterr().err
+    assert target.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lab.yaml", "run.mcap"]
+
+
+def test_a_certificate_replaces_an_unsigned_one_and_no_file_beside_it(tmp_path, folder):
+    refuse_unfit(folder / "certificate.xml", [folder / "report.json"])
+    refuse_unfit(tmp_path / "new.xml", [tmp_path / "report.json"])
+    with refused(Refusal, "twice", about="--dcc", where=str(tmp_path / "made" / "report.json")):
+        refuse_unfit(tmp_path / "made" / "report.json", [tmp_path / "made" / "report.json"])
+
+
+def test_certificate_and_report_are_not_the_same_file(tmp_path, capsys):
+    laboratory, made = tmp_path / "lab.yaml", tmp_path / "made"
+    laboratory.write_text(FILE, encoding="utf-8")
+    options = ["--instrument", "demo", "--laboratory", str(laboratory), "--json"]
+    options += ["--output", str(made), "--dcc", str(made / ".." / "made" / "report.json")]
+    assert main(["report", str(RUN), *options]) == 1
+    assert "--dcc" in capsys.readouterr().err
+    assert not made.exists()
