@@ -36,13 +36,15 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.archive.fleet import fleet
     from stepdiag_ros.archive.place import Place
     from stepdiag_ros.report.documents.fleet import fleet_json
-    from stepdiag_ros.report.files import write_new
-    from stepdiag_ros.report.pages.fleet import fleet_page
+    from stepdiag_ros.report.files import refuse_foreign, write_new
+    from stepdiag_ros.report.pages.fleet import FLEET_PAGE, fleet_page
     from stepdiag_ros.words.fleet import headline
 
     output = arguments.output or (None if arguments.json else Path("fleet.html"))
     if output is not None and output.suffix != ".html":
         raise ValueError(f"{output} is not a page: name a file that ends in .html")
+    if output is not None:
+        refuse_foreign(output, FLEET_PAGE, "page of 'stepdiag fleet'")
     place, made = Place(arguments.place), datetime.now(timezone.utc)
     with Catalogue(place) as catalogue, progress_bar("reading") as progress:
         machines = fleet(catalogue, progress)

@@ -36,7 +36,12 @@ def _add_options(parser: ArgumentParser) -> None:
         help="print every comparison, not only the one nearest to its limit (JSON has all)",
     )
     add_common(parser, "json", help="print the record as JSON")
-    add_common(parser, "output", metavar="FILE", help="write the record into this file as well")
+    add_common(
+        parser,
+        "output",
+        metavar="FILE",
+        help="write the record into this file as well, in place of an earlier record",
+    )
 
 
 def run(arguments: Namespace) -> int:
@@ -44,13 +49,14 @@ def run(arguments: Namespace) -> int:
     import secrets
     import sys
 
-    from stepdiag_ros.report.files import check_new, whole_file
+    from stepdiag_ros.report.files import check_new, refuse_foreign, whole_file
     from stepdiag_ros.selftest.session import run_selftest
-    from stepdiag_ros.selftest.text import print_record
+    from stepdiag_ros.selftest.text import RECORD, print_record
     from stepdiag_ros.text.console import make_console
 
     if arguments.output is not None:
         check_new([arguments.output], overwrite=True)
+        refuse_foreign(arguments.output, RECORD, "record of a self-test")
     seed = secrets.randbelow(2**32) if arguments.seed is None else arguments.seed
     with progress_bar("selftest") as progress:
         record = run_selftest(

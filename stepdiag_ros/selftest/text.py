@@ -1,6 +1,7 @@
 """The record of a self-test as text: a line or more for each problem, the platform, the verdict."""
 
 import math
+import re
 from collections.abc import Sequence
 
 from stepdiag_ros.selftest.problems import KINDS
@@ -8,6 +9,8 @@ from stepdiag_ros.selftest.record import FAILED, PASSED, Check, SelftestRecord, 
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.table import Column, Table
 
+RECORD = re.compile(rb"\Astepdiag self-test of |\"urn:stepdiag_ros:selftest:")
+"""What the head of every written record contains, as text or as JSON."""
 _UNIT = {"1": ""}
 
 

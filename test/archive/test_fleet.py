@@ -219,6 +219,16 @@ def test_what_cannot_be_written_is_refused(folder, tmp_path, told, monkeypatch):
     assert bag.read_bytes() == b"bag" and sorted(tmp_path.rglob("*")) == before
 
 
+def test_a_file_that_is_no_page_of_a_fleet_is_not_replaced(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written(folder, run(1, "mill", 30, 5e-5))
+    other = tmp_path / "fleet.html"
+    other.write_text("machines: {}\n")
+    assert main(["fleet", folder.url]) == 1
+    assert "fleet.html" in capsys.readouterr().err
+    assert other.read_text() == "machines: {}\n"
+
+
 def test_what_is_no_archive_is_refused(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with refused(Refusal, "missing"):

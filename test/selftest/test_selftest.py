@@ -256,6 +256,21 @@ def test_the_command_line_prints_and_writes_a_record(tmp_path, capsys):
     assert "every answer is within its limit" in (tmp_path / "record.txt").read_text()
 
 
+@pytest.mark.parametrize("words", [[], ["--json"]])
+def test_a_record_replaces_an_earlier_one_and_no_other_file(
+    tmp_path, capsys, monkeypatch, record, words
+):
+    monkeypatch.setattr(session, "run_selftest", lambda *_: record)
+    target = tmp_path / "record.txt"
+    for _ in range(2):
+        assert cli.main(["selftest", *words, "--output", str(target)]) == 0
+    assert "record.txt" in capsys.readouterr().err
+    target.write_text("chain: YXZ\n")
+    assert cli.main(["selftest", *words, "--output", str(target)]) == 1
+    assert "record.txt" in capsys.readouterr().err
+    assert target.read_text() == "chain: YXZ\n"
+
+
 def test_the_command_line_ends_with_1_if_anything_fails(monkeypatch, capsys):
     solver = solvers()["conventional"]
     solve_by(monkeypatch, "conventional", flipped(solver, "E_ZY"))

@@ -1,6 +1,7 @@
 """The machines of an archive as one page: worst first, each with its runs and trends."""
 
 import os
+import re
 from collections.abc import Sequence
 from datetime import datetime
 from math import isfinite
@@ -37,6 +38,8 @@ from stepdiag_ros.words.trends import (
     value_words,
 )
 
+FLEET_PAGE = re.compile(rb'content="stepdiag_ros .*<title>Machines of ', re.DOTALL)
+"""What the head of every page contains."""
 MOST_RUNS = 100
 """Of a machine in the page; `stepdiag archive list` has all."""
 _TONES = {
