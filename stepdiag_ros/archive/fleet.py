@@ -7,13 +7,12 @@ from math import nan
 from typing import TYPE_CHECKING, Any
 
 from stepdiag_ros.archive.histories import (
-    LARGEST,
     UNNAMED,
     MachineHistory,
     histories,
     machine_urgency,
 )
-from stepdiag_ros.archive.stated import Stated
+from stepdiag_ros.archive.stated import LARGEST, Stated
 from stepdiag_ros.archive.work import BAGS, bags_of
 from stepdiag_ros.metrology.discrepancy.summary import Verdict
 from stepdiag_ros.metrology.refusal import Refusal

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stepdiag_ros.archive.stated import Stated
+from stepdiag_ros.archive.stated import FIGURES, FILE, LARGEST, Stated
 from stepdiag_ros.metrology.geometry import CURVES, SQUARENESS, moving_axis
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.spelling import nearest, suggestion
 from stepdiag_ros.metrology.trends.crossing import Outlook
 from stepdiag_ros.metrology.trends.series import Series
 from stepdiag_ros.metrology.trends.trend import LEVEL, Trend, trend_of
@@ -25,6 +26,7 @@ select coalesce(machine, ?) as machine, name,
     max(list_max(position_m) - list_min(position_m)) as travel
 from curves where name in ('E_XX', 'E_YY', 'E_ZZ') group by all
 """
+_NAMES = "select distinct name from figures where kind in ('volume', 'effect', 'result')"
 _BOXES = f"""
 select bag_sha256, run_id, name, min(list_min(position_m)) as low, max(list_max(position_m)) as high
 from curves where name in ('E_XX', 'E_YY', 'E_ZZ') and relied_on and len(position_m) > 0
@@ -35,7 +37,6 @@ Box = Mapping[int, tuple[float, float]]
 """Axis, 0 to 2 → first and last position that was measured, m; unknown axes are left out."""
 _SAME_BOX = 0.01
 """Ends of two boxes may differ by this share of a side, and are the same box."""
-LARGEST = "largest in volume"
 _ORDER = (Outlook.OUTSIDE, Outlook.MAYBE_OUTSIDE, Outlook.INTERVAL)
 _YEAR = timedelta(days=365.2425)
 _FIRST = datetime(1970, 1, 1, tzinfo=timezone.utc)
@@ -172,8 +173,10 @@ def histories(
         progress: called with the part that is done (0..1), and the name of the last machine.
 
     Raises:
-        ValueError: a part is damaged, or there is no such machine; lists the existing ones.
+        ValueError: a part is damaged, a tolerance is stated of an unknown figure, or there is no
+            such machine; lists the existing ones.
     """
+    _refuse_unknown_figures(catalogue)
     rows = catalogue.ask(_ROWS, [machine])
     if machine and not rows:
         known = [one["machine"] for one in catalogue.ask("select distinct machine from runs")]
@@ -198,6 +201,28 @@ def histories(
         if progress is not None:
             progress(len(found) / number, history.name)
     return found
+
+
+def _refuse_unknown_figures(catalogue: "Catalogue") -> None:
+    """Refuse a tolerance of an unknown figure, which nothing would ever be compared with.
+
+    The size of an effect is named as the effect is, which may be of another package.
+    """
+    named = {figure for limits in catalogue.stated.tolerances.values() for figure in limits}
+    odd = sorted(figure for figure in named if figure not in FIGURES and ": " not in figure)
+    if not odd:
+        return
+    known = {one["name"] for one in catalogue.ask(_NAMES)}
+    for figure in odd:
+        if figure not in known:
+            listed = f"its figures are {', '.join(sorted(known))}"
+            raise Refusal(
+                f"{catalogue.place.url}/{FILE}: tolerances: there is no figure '{figure}';"
+                f" {suggestion(nearest(figure, known.union(FIGURES)), listed)}",
+                fault="unknown",
+                about=figure,
+                where=f"{catalogue.place.url}/{FILE}",
+            )
 
 
 def history_of_run(catalogue: "Catalogue", sha256: str, machine: str) -> HistoryOfRun:

@@ -7,10 +7,30 @@ from math import inf, nan
 from typing import Any
 
 from stepdiag_ros.archive.place import Place
+from stepdiag_ros.metrology.geometry import (
+    AXES,
+    BODY_DIAGONALS,
+    ROTATIONS,
+    SQUARENESS,
+    TRANSLATIONS,
+)
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.text.intake import parse_yaml
 
 FILE = "archive.yaml"
+LARGEST = "largest in volume"
+FIGURES = {
+    LARGEST: "m",
+    **dict.fromkeys(SQUARENESS, "rad"),
+    **{f"positioning E_{axis}{axis}": "m" for axis in AXES},
+    **{f"straightness {curve}": "m" for curve in TRANSLATIONS if curve[2] != curve[3]},
+    **{f"{what} {curve}": "rad" for curve in ROTATIONS for what in ("angular", "angular-shape")},
+    **{f"diagonal {line}": "m" for line in BODY_DIAGONALS},
+}
+"""Figure that runs have without a diagnosis → its unit."""
+_LARGEST_TOLERANCE = {"m": 5e-3, "rad": 1e-2}
+"""By unit; larger ones are in µm or µrad."""
+_LARGEST_SCALE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -65,7 +85,7 @@ def stated_in(place: Place) -> Stated:
         of_one = isinstance(limit, dict)
         for figure, size in _table(limit, name, where).items() if of_one else [(name, limit)]:
             limits.setdefault(name if of_one else "", {})[figure] = _size(
-                size, "tolerances", figure, where
+                size, "tolerances", figure, where, FIGURES.get(figure, "")
             )
     return Stated(
         machines,
@@ -75,7 +95,7 @@ def stated_in(place: Place) -> Stated:
     )
 
 
-def _size(told: Any, table: str, about: str, where: str) -> float:
+def _size(told: Any, table: str, about: str, where: str, unit: str = "") -> float:
     try:
         size = nan if isinstance(told, bool) else float(told)
     except (TypeError, ValueError):
@@ -85,6 +105,16 @@ def _size(told: Any, table: str, about: str, where: str) -> float:
             f"{where}: {table}: '{about}' needs a number above 0 in SI units, such as 2.0e-5, not"
             f" '{told}'",
             fault="malformed",
+            about=about,
+            where=where,
+        )
+    most = _LARGEST_SCALE if table == "scales" else _LARGEST_TOLERANCE.get(unit, inf)
+    if size > most:
+        meaning = f"in {unit}" if unit else "as a relative standard uncertainty"
+        raise Refusal(
+            f"{where}: {table}: '{about}' is {told}, expected at most {most:g}. State it {meaning},"
+            " such as 2.5e-5 for 25 µm, 25 µrad or 25 ppm",
+            fault="out_of_range",
             about=about,
             where=where,
         )

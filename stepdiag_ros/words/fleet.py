@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from stepdiag_ros.archive.fleet import WORST_FIRST, FleetMachine, FleetRun, Judged
-from stepdiag_ros.archive.histories import LARGEST
-from stepdiag_ros.archive.stated import FILE
+from stepdiag_ros.archive.stated import FILE, LARGEST
 from stepdiag_ros.metrology.standards.conformity import Conformity
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.numbers import UNKNOWN, with_expanded

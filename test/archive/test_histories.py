@@ -239,6 +239,28 @@ def test_what_is_stated_wrongly_is_refused(place, tmp_path, text, about):
         read(place)
 
 
+@pytest.mark.parametrize(
+    ("text", "fault", "about"),
+    [
+        ("tolerances: {largest in volume: 25}\n", "out_of_range", "largest in volume"),
+        ("tolerances:\n  mill: {C0Y: 30}\n", "out_of_range", "C0Y"),
+        ("scales: {SN: 2}\n", "out_of_range", "SN"),
+        ("tolerances: {largest in volum: 2.5e-5}\n", "unknown", "largest in volum"),
+        ("tolerances:\n  mill: {C0X: 3e-5}\n", "unknown", "C0X"),
+    ],
+)
+def test_what_cannot_be_a_tolerance_is_refused(place, tmp_path, text, fault, about):
+    state(place, text, tmp_path)
+    with refused(Refusal, fault, about=about, where=f"{place.url}/{FILE}"):
+        read(place)
+
+
+def test_a_tolerance_may_be_stated_before_its_figure_is_measured(place, tmp_path):
+    limits = "angular E_AX: 3e-5, 'growth of X: rise': 30, diagonal ppn: 5e-3"
+    state(place, f"tolerances: {{{limits}, C0Y: 1.0e-2}}\nscales: {{SN: 1.0e-3}}\n", tmp_path)
+    assert figure(read(place)["new"], "C0Y").tolerance == 1e-2
+
+
 def test_one_screen_for_all_and_one_for_a_machine(place, tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     state(place, "machines:\n  mill (old): mill\ntolerances:\n  C0Y: 4.0e-5\n", tmp_path)

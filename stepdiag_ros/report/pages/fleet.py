@@ -11,8 +11,9 @@ from urllib.parse import quote
 
 from stepdiag_ros import schemas
 from stepdiag_ros.archive.fleet import REPORTS, WORST_FIRST, FleetMachine, FleetRun
-from stepdiag_ros.archive.histories import LARGEST, FigureHistory, MachineHistory, urgency
+from stepdiag_ros.archive.histories import FigureHistory, MachineHistory, urgency
 from stepdiag_ros.archive.place import Place
+from stepdiag_ros.archive.stated import LARGEST
 from stepdiag_ros.metrology.standards.conformity import Conformity
 from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.report.pages.page import environment

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from stepdiag_ros.archive.histories import LARGEST, MachineHistory, urgency
+from stepdiag_ros.archive.histories import MachineHistory, urgency
+from stepdiag_ros.archive.stated import LARGEST
 from stepdiag_ros.text.console import PlainConsole
 from stepdiag_ros.text.numbers import UNKNOWN, plain
 from stepdiag_ros.text.table import Column, Table
