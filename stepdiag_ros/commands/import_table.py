@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from stepdiag_ros import schemas
 from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.output import number, say
+from stepdiag_ros.metrology.refusal import Refusal
 
 if TYPE_CHECKING:
     from stepdiag_ros.bags.imports.imported import ImportOptions
@@ -138,7 +139,7 @@ def _add_options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Import the file; see the module."""
     from stepdiag_ros.bags.imports.made import what_was_made
-    from stepdiag_ros.bags.imports.registry import is_run_table
+    from stepdiag_ros.bags.imports.registry import is_run_table, recognised
     from stepdiag_ros.bags.imports.source import read_source
     from stepdiag_ros.bags.run import load_run
 
@@ -146,7 +147,8 @@ def run(arguments: Namespace) -> int:
     tables, target = _files_and_bag(paths, len(axes))
     sources = [read_source(path) for path in tables]
     run_table = len(sources) == 1 and not arguments.mapping
-    if run_table and (arguments.case is not None or is_run_table(sources[0])):
+    asked_for = arguments.case is not None and recognised(sources[0]) is None
+    if run_table and (asked_for or is_run_table(sources[0])):
         document = _run_table(arguments, tables[0], target, sources[0])
     else:
         document = _foreign(arguments, axes, tables, target, sources)
@@ -226,10 +228,13 @@ def _run_table(
     from stepdiag_ros.bags.imports.made import overrun_passed_over
     from stepdiag_ros.bags.table import import_table
 
-    for name in ("axis", "box", "standing", "directions", "plan", "chain"):
-        if getattr(arguments, name):
-            raise ValueError(
-                f"{table} is a run table and contains this already. Leave out --{name}"
+    for name in ("axis", "box", "standing", "directions", "plan", "chain", "encoding", "decimal"):
+        if getattr(arguments, name) and getattr(arguments, name) != ".":
+            raise Refusal(
+                f"--{name} has no effect on {table}, a run table: it contains its lines and"
+                f" places, and is UTF-8 with decimal points. Leave out --{name}",
+                fault="mismatch",
+                about=f"--{name}",
             )
     made = import_table(table, arguments.case, target, arguments.overrun)
     measurement = made.measurement
@@ -259,6 +264,13 @@ def _foreign(
 ) -> dict[str, Any]:
     from stepdiag_ros.bags.imports.registry import import_files
 
+    if arguments.case is not None:
+        raise Refusal(
+            f"--case is for a run table, and {tables[0]} is not read as one. "
+            + ("State chain and box in the mapping file" if arguments.mapping else "Leave it out"),
+            fault="mismatch",
+            about="--case",
+        )
     said = _options(arguments)
     options = [replace(said, axis=axis) for axis in axes or [""] * len(tables)]
     made = import_files(tables, target, options)

@@ -272,7 +272,8 @@ def test_a_misspelt_fact_is_refused_with_its_name():
 
 def test_what_says_nothing_of_a_run_table_is_refused(tmp_path, capsys):
     (tmp_path / "run.csv").write_bytes((CASES[0] / "run.csv").read_bytes())
-    for option in (["--axis", "X"], ["--box", *"000111"], ["--plan", "demo"]):
+    text = (["--encoding", "utf-8"], ["--decimal", ","])
+    for option in (["--axis", "X"], ["--box", *"000111"], ["--plan", "demo"], *text):
         assert main(["import", str(tmp_path / "run.csv"), *option]) == 1
         assert f"Leave out {option[0]}" in capsys.readouterr().err
     assert not (tmp_path / "run.mcap").exists()

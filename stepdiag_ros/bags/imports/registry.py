@@ -20,6 +20,17 @@ from stepdiag_ros.bags.imports.writing import ToWrite, write_bag
 from stepdiag_ros.bags.table_rows import COLUMNS
 from stepdiag_ros.configuration import available
 
+_PLACED = (renishaw_rtl.NAME, plain_axis_table.NAME, mapped_table.NAME)
+_SERVES = {
+    **dict.fromkeys(("axis", "box", "standing", "directions"), _PLACED),
+    "chain": (tracker_lines.NAME,),
+    "decimal": (renishaw_rtl.NAME,),
+    "encoding": (renishaw_rtl.NAME, tracker_lines.NAME, mapped_table.NAME),
+    "plan": (mapped_table.NAME,),
+}
+"""Option of the user → formats that it serves."""
+_IN_MAPPING = {"chain": "'chain'", "decimal": "'decimal' under 'text'"}
+"""Option of the user → key of a mapping file in its place."""
 _ENOUGH_COLUMNS = 4
 """Of a run table's, after which a table is taken for one that may lack others."""
 
@@ -47,6 +58,26 @@ def is_run_table(source: SourceFile) -> bool:
     return many and not tracker_lines.recognises(source)
 
 
+def recognised(source: SourceFile) -> Format | None:
+    """Return the format that a file has; None where it has none of ``FORMATS``."""
+    return next((found for found in FORMATS if found.recognises(source)), None)
+
+
+def _refuse_idle_options(source: SourceFile, name: str, said: ImportOptions) -> None:
+    """Refuse what the user states and a format has no use for."""
+    for option, serves in _SERVES.items():
+        if name in serves or getattr(said, option) == getattr(ImportOptions, option):
+            continue
+        key = _IN_MAPPING.get(option) if said.mapping else None
+        raise TableError(
+            f"{source.name}: --{option} has no effect on a {name}. "
+            + (f"State {key} in the mapping file" if key else "Leave it out"),
+            fault="mismatch",
+            about=f"--{option}",
+            where=source.name,
+        )
+
+
 def read_file(
     path: str | Path, options: ImportOptions | None = None
 ) -> tuple[SourceFile, Imported]:
@@ -62,15 +93,15 @@ def read_file(
     source = read_source(path)
     said = options or ImportOptions()
     if said.mapping:
+        _refuse_idle_options(source, mapped_table.NAME, said)
         return source, mapped_table.read(source, said)
-    for found in FORMATS:
-        if found.recognises(source):
-            if said.chain and found.name != tracker_lines.NAME:
-                raise TableError(f"{source.name}: --chain is for the table of a tracker alone")
-            return source, found.read(source, said)
+    found = recognised(source)
+    if found is not None:
+        _refuse_idle_options(source, found.name, said)
+        return source, found.read(source, said)
     source.text(said.encoding)  # says it better where the file is not text at all
     raise TableError(
-        f"{source.name} has no known format ({', '.join(found.name for found in FORMATS)}, run"
+        f"{source.name} has no known format ({', '.join(one.name for one in FORMATS)}, run"
         " table); describe its columns in a mapping file: --mapping FILE, or --mapping with one of "
         + ", ".join(available("imports")),
         fault="unknown",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from import_files import DATA, changed
+from import_files import DATA, RTL, changed
 from refused import a_fault, refused
 
 from stepdiag_ros.bags.axis_table import read_axis_table
@@ -28,6 +28,8 @@ COLUMNS = DATA / "made_up_runs_in_columns.csv"
 ROWS = DATA / "made_up_rows.csv"
 DIAGONALS = DATA / "made_up_step_diagonal.txt"
 STREAM = DATA / "made_up_stream.csv"
+HOUSE = Path("axis.csv")
+"""Written by the test."""
 
 
 def by(name, **options):
@@ -487,3 +489,32 @@ def test_a_place_that_cannot_be_is_refused_with_the_row(tmp_path, name):
 def test_an_option_that_has_no_effect_on_a_table_of_lines_is_refused(tmp_path, options):
     with refused(TableError, "mismatch", about=f"--{next(iter(options))}"):
         placed(tmp_path, "z", **options)
+
+
+@pytest.mark.parametrize(
+    ("path", "mapping", "options"),
+    [
+        (COLUMNS, "runs_in_columns", {"chain": "YXZ"}),
+        (COLUMNS, "runs_in_columns", {"decimal": ","}),
+        (RTL, "", {"plan": "name: x"}),
+        (RTL, "", {"chain": "YXZ"}),
+        (HOUSE, "", {"plan": "name: x"}),
+        (HOUSE, "", {"decimal": ","}),
+        (HOUSE, "", {"encoding": "utf-8"}),
+    ],
+)
+def test_an_option_that_has_no_effect_on_a_format_is_refused(path, mapping, options, tmp_path):
+    if not path.exists():
+        path = tmp_path / path
+        path.write_text("cycle,direction,target_mm,position_mm\n0,forward,0,0\n")
+    with refused(TableError, "mismatch", about=f"--{next(iter(options))}", where=str(path)):
+        read_file(path, ImportOptions(axis="X", mapping=mapping, **options))
+
+
+@pytest.mark.parametrize("options", [[str(COLUMNS), "--mapping", "runs_in_columns"], [str(RTL)]])
+def test_the_case_of_a_run_table_is_refused_for_other_files(options, tmp_path, capsys):
+    case, bag = tmp_path / "case.yaml", tmp_path / "a.mcap"
+    case.write_text("chain: [Y, X, Z]\n")
+    assert main(["import", options[0], str(bag), *options[1:], "--case", str(case)]) == 1
+    said = capsys.readouterr().err
+    assert "--case" in said and "UTF-8" not in said and not bag.exists()
