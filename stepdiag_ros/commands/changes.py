@@ -133,6 +133,7 @@ class _Solved:
 
 def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
     from stepdiag_ros.bags.digest import sha256_of
+    from stepdiag_ros.compensation.identified import require_run
     from stepdiag_ros.evaluation.changes import side_of_results_file
 
     if is_bag(path):
@@ -143,6 +144,7 @@ def _solved(path: Path, run_id: str | None, arguments: Namespace) -> _Solved:
             " it: give the bag"
         )
     side, found = side_of_results_file(path, arguments.method, sha256_of(path))
+    require_run(found, path, run_id)
     return _Solved(side, found.origin.run_id or found.origin.sha256, lambda _: found)
 
 

@@ -283,14 +283,14 @@ def load_identified(
     Args:
         path: of the file.
         method: of the solver; empty: the one to rely on.
-        run_id: which run, where a bag holds several.
+        run_id: which run, where a bag holds several; a document is of one.
         learned: what a model adds to the curves; needs the lines in a bag.
 
     Raises:
         ValueError: it cannot be read or solved, or does not have the method; one sentence.
     """
     from stepdiag_ros.bags.digest import sha256_of
-    from stepdiag_ros.compensation.identified import from_results_file
+    from stepdiag_ros.compensation.identified import from_results_file, require_run
     from stepdiag_ros.evaluation.compensation import identified_of
 
     if not is_bag(path):
@@ -299,7 +299,8 @@ def load_identified(
                 f"{path} holds no lines, which --model needs to take its effects off: give the bag"
                 " (.mcap) instead"
             )
-        return from_results_file(path, method, sha256_of(path))
+        found = from_results_file(path, method, sha256_of(path))
+        return require_run(found, path, run_id)
     from stepdiag_ros.bags.run import load_run
     from stepdiag_ros.evaluation.recorded_run import report_of_run
 

@@ -189,10 +189,11 @@ def _identified(path: Path, method: str, run_id: str | None) -> "Identified":
     from stepdiag_ros.commands.compensate import load_identified
     from stepdiag_ros.commands.standard_tests import is_bag
     from stepdiag_ros.compensation.generic import map_from_text
+    from stepdiag_ros.compensation.identified import require_run
     from stepdiag_ros.configuration import read_text
 
     if not is_bag(path) and schemas.identifier("volumetric_map") in read_text(path):
-        return map_from_text(read_text(path), str(path))
+        return require_run(map_from_text(read_text(path), str(path)), path, run_id)
     return load_identified(path, method, run_id)
 
 

@@ -18,7 +18,12 @@ from stepdiag_ros.commands.arguments import (
     results_folder,
 )
 from stepdiag_ros.commands.output import Progress, progress_bar, say, warn, warn_of_replaced
-from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
+from stepdiag_ros.commands.standard_tests import (
+    add_output_options,
+    is_bag,
+    refuse_for_table,
+    show,
+)
 from stepdiag_ros.metrology.refusal import Refusal
 
 if TYPE_CHECKING:
@@ -177,6 +182,7 @@ def run(arguments: Namespace) -> int:
 
 def _loaded(path: Path, run_id: str | None) -> "RecordedRun | None":
     """Load a bag; None of a table. Of several runs in it the one that is named."""
+    refuse_for_table(path, {"--run": run_id})
     if not is_bag(path):
         return None
     from stepdiag_ros.bags.run import load_run

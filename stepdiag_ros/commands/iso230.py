@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.corrections import add_correction_options, corrected
 from stepdiag_ros.commands.output import progress_bar, warn_of_flaws
-from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
+from stepdiag_ros.commands.standard_tests import (
+    add_output_options,
+    is_bag,
+    refuse_for_table,
+    show,
+)
 from stepdiag_ros.text.intake import refusals_of
 
 if TYPE_CHECKING:
@@ -66,11 +71,12 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.documents.positioning import positioning_json
     from stepdiag_ros.report.tables.positioning import print_positioning
 
-    if arguments.expansion is not None and not is_bag(arguments.bag):
-        raise ValueError(
-            f"{arguments.bag}: --expansion-per-K needs a bag, since a table has no temperature of"
-            " the material"
-        )
+    of_bags = {
+        "--run": arguments.run_id,
+        "--expansion-per-K": arguments.expansion,
+        "--material-temperature": arguments.material_temperature,
+    }
+    refuse_for_table(arguments.bag, of_bags)
     report = report_of(
         arguments.bag,
         arguments.axis,

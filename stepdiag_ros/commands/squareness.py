@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import Command, Group, add_bag, add_common, results_folder
 from stepdiag_ros.commands.output import progress_bar, warn_of_flaws
-from stepdiag_ros.commands.standard_tests import add_output_options, is_bag, show
+from stepdiag_ros.commands.standard_tests import (
+    add_output_options,
+    is_bag,
+    refuse_for_table,
+    show,
+)
 
 if TYPE_CHECKING:
     from stepdiag_ros.evaluation.squareness import SquarenessReport
@@ -40,6 +45,7 @@ def run(arguments: Namespace) -> int:
     from stepdiag_ros.report.documents.squareness import squareness_json
     from stepdiag_ros.report.tables.diagonal_squareness import print_squareness
 
+    refuse_for_table(arguments.bag, {"--run": arguments.run_id})
     report = report_of(arguments.bag, arguments.run_id)
     return show(
         "squareness",

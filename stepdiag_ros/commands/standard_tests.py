@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from stepdiag_ros.commands.arguments import add_common, picture_formats
 from stepdiag_ros.commands.output import progress_bar, run_of, say, warn_of_replaced
+from stepdiag_ros.metrology.refusal import Refusal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -21,6 +22,27 @@ _PICTURE_CHOICES = ("png", "svg", "pdf", "none")
 def is_bag(path: Path) -> bool:
     """Say whether a path is a bag by its name; every other file is taken for a table."""
     return path.is_dir() or path.name.endswith((".mcap", ".mcap.zstd"))
+
+
+def refuse_for_table(source: Path, stated: Mapping[str, object]) -> None:
+    """Refuse options that a table has no use for.
+
+    Args:
+        source: a bag or a table.
+        stated: option → its value; None where the user does not state it.
+
+    Raises:
+        Refusal: the source is a table, and one is stated; names both.
+    """
+    for option, value in stated.items():
+        if value is not None and not is_bag(source):
+            raise Refusal(
+                f"{source}: {option} needs a bag, since a table is one run without temperatures of"
+                f" the material. Leave out {option}",
+                fault="mismatch",
+                about=option,
+                where=str(source),
+            )
 
 
 def add_output_options(parser: ArgumentParser, default_folder: str) -> None:

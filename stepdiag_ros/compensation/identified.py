@@ -319,6 +319,29 @@ def from_results_file(path: Path, method: str, digest: str) -> Identified:
         raise ValueError(f"{path} does not fit the schema 'result': {error}") from None
 
 
+def require_run(found: Identified, path: Path, run_id: str | None) -> Identified:
+    """Return what a document says; it is of the run that was asked for.
+
+    Args:
+        found: the errors.
+        path: of the document.
+        run_id: of the run; None: any.
+
+    Raises:
+        Refusal: it is of another run.
+    """
+    own = found.origin.run_id
+    if run_id is not None and run_id != own:
+        raise Refusal(
+            f"{path} holds no run '{run_id}', but {own or 'one without an identity'}. Name that"
+            " run, or leave out --run",
+            fault="not_found",
+            about=run_id,
+            where=str(path),
+        )
+    return found
+
+
 def _told_first(lead: Mapping[str, Any] | None) -> tuple[Verdict, Completeness | None]:
     """Return verdict and completeness of a document's lead, which earlier versions lack."""
     if lead is None:

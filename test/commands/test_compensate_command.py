@@ -149,6 +149,10 @@ def test_a_result_serves_as_well_as_its_bag_but_knows_no_reversal(capsys, tmp_pa
         text = (folder / "compensation.txt").read_text()
         assert ("the reversal errors are not known" in text) == (name == "json")
         assert "unknown" in text if name == "json" else standard_runs.RUN_ID in text
+    document = tmp_path / "r" / "results.json"
+    assert compensate.load_identified(document, run_id=standard_runs.RUN_ID).origin.run_id
+    with refused(Refusal, "not_found", about="foo", where=str(document)):
+        compensate.load_identified(document, run_id="foo")
     mean = np.mean(files["bag"][:, 1:], axis=1)
     assert files["json"][:, 1] == pytest.approx(mean, abs=2e-7)
 

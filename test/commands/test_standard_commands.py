@@ -200,6 +200,24 @@ def test_squareness_of_a_table_by_hand(capsys, tmp_path):
     assert "diagonals must start and finish at identical coordinates" in err
 
 
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        ("iso230", ("--run", "foo")),
+        ("iso230", ("--material-temperature", "22")),
+        ("iso230", ("--expansion-per-K", "11.5e-6")),
+        ("squareness", ("--run", "foo")),
+        ("diagnose", ("--run", "foo")),
+    ],
+)
+def test_an_option_that_a_table_has_no_use_for_is_refused(capsys, tmp_path, command, option):
+    code, out, err = stepdiag(
+        capsys, command, CASE / "data.csv", *option, "--output", tmp_path / "made"
+    )
+    assert (code, out) == (1, "") and f"data.csv: {option[0]} " in err
+    assert not (tmp_path / "made").exists()
+
+
 def test_the_examples_of_volumetric_accuracy(capsys, tmp_path):
     code, out, _ = stepdiag(capsys, "volumetric", "--output", tmp_path)
     assert code == 0

@@ -54,6 +54,13 @@ def test_what_is_refused_leaves_nothing(files, capsys):
     assert {path.name for path in files.iterdir()} == {"bad.nc", "map.json", "part.nc"}
 
 
+def test_a_map_of_another_run_than_the_named_one_is_refused(files, capsys):
+    arguments = ["compensate-nc", str(files / "part.nc"), str(files / "map.json"), *OFFSETS]
+    assert main([*arguments, "--run", "foo"]) == 1
+    assert "'foo'" in capsys.readouterr().err and not (files / "part_corrected.nc").exists()
+    assert main([*arguments, "--run", "test (1)"]) == 0
+
+
 @pytest.mark.parametrize(
     ("option", "said"),
     [
