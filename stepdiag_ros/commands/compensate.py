@@ -3,12 +3,14 @@
 import io
 import sys
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from stepdiag_ros.commands.arguments import Command, Controls, Group, add_common
 from stepdiag_ros.commands.output import progress_bar, say, warn
 from stepdiag_ros.commands.standard_tests import is_bag
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.units import MILLI
 
 if TYPE_CHECKING:
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from stepdiag_ros.compensation.identified import Identified
     from stepdiag_ros.evaluation.compensation import CompensationReport, Learned
 
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 _TEXT, _DOCUMENT = "compensation.txt", "compensation.json"
 _EPILOG = """\
 settings of each control, given as --set NAME=VALUE:  stepdiag compensate --for CONTROL --settings
@@ -328,13 +332,36 @@ def _header(identified: "Identified") -> tuple[str, ...]:
 def _given(settings: list[str]) -> dict[str, Any]:
     import yaml
 
-    given = {}
+    given = []
     for one in settings:
         name, equals, value = one.partition("=")
         if not equals:
             raise ValueError(f"--set {one}: expected NAME=VALUE")
         # A list of joints or axes stays a text.
-        given[name.strip()] = value if "," in value else yaml.safe_load(value)
+        given.append((name.strip(), value if "," in value else yaml.safe_load(value)))
+    return each_once("--set", given)
+
+
+def each_once(option: str, pairs: Iterable[tuple[Key, Value]]) -> dict[Key, Value]:
+    """Return the values of an option that may be given several times, once for each name.
+
+    Args:
+        option: as the user writes it.
+        pairs: name and value, in the order of the command line.
+
+    Raises:
+        Refusal: a name has two values.
+    """
+    given: dict[Key, Value] = {}
+    for name, value in pairs:
+        if name in given:
+            raise Refusal(
+                f"{option}: '{name}' is given twice. Leave out one of its values",
+                fault="twice",
+                about=str(name),
+                where=option,
+            )
+        given[name] = value
     return given
 
 

@@ -10,10 +10,12 @@ from stepdiag_ros.commands.arguments import Command, Group, add_common
 from stepdiag_ros.commands.compensate import (
     add_despite_option,
     add_seal_option,
+    each_once,
     permitted,
     refuse_unsealed,
 )
 from stepdiag_ros.commands.output import number, progress_bar
+from stepdiag_ros.metrology.refusal import Refusal
 
 if TYPE_CHECKING:
     from stepdiag_ros.compensation.identified import Identified
@@ -157,6 +159,14 @@ def run(arguments: Namespace) -> int:
         made = rewrite(
             text, str(program), identified.error_map, settings, _header(identified, program, digest)
         )
+        if not made.changed:
+            raise Refusal(
+                f"{program} has no move that can be corrected; nothing is written. Name a program"
+                " that moves X, Y or Z",
+                fault="missing",
+                about="move",
+                where=str(program),
+            )
         progress(0.6, "proving")
         refuse_foreign_words(text, made)
         proof = prove(text, made, identified.error_map, settings.program)
@@ -202,8 +212,8 @@ def _settings(arguments: Namespace) -> "RewriteSettings":
     from stepdiag_ros.compensation.nc_rewrite import RewriteSettings
 
     given: dict[str, Any] = {
-        "offsets": dict(arguments.offset),
-        "tool_lengths": dict(arguments.tool_length),
+        "offsets": each_once("--offset", arguments.offset),
+        "tool_lengths": each_once("--tool-length", arguments.tool_length),
         "start": arguments.start,
         "cycles": arguments.cycles == "pass",
     }

@@ -241,6 +241,12 @@ def test_a_document_that_is_no_result_is_refused(capsys, tmp_path, text, words):
     assert code == 1 and words in err
 
 
+def test_a_setting_with_two_values_is_refused():
+    with refused(Refusal, "twice", about="tables", where="--set"):
+        compensate._given(["tables=2", "tables =3"])
+    assert compensate._given(["tables=2", "type=1"]) == {"tables": 2, "type": 1}
+
+
 def test_a_map_of_another_machine_moves_nothing(capsys, tmp_path, bag):
     folder = tmp_path / "map"
     given = ("compensate", bag, "--for", "generic", "--output", folder, "--pictures", "none")

@@ -62,6 +62,25 @@ def test_a_map_of_another_run_than_the_named_one_is_refused(files, capsys):
 
 
 @pytest.mark.parametrize(
+    ("option", "name"),
+    [(["--offset", "g54=1,0,0"], "G54"), (["--tool-length", "H1=20"], "1")],
+)
+def test_a_name_with_two_values_is_refused(option, name, files, capsys):
+    arguments = ["compensate-nc", str(files / "part.nc"), str(files / "map.json"), *OFFSETS]
+    assert main([*arguments, *option]) == 1
+    assert f"{option[0]}: '{name}'" in capsys.readouterr().err
+    assert not (files / "part_corrected.nc").exists()
+
+
+@pytest.mark.parametrize("text", ["G21 G54\nM30\n", "(nothing)\n"])
+def test_a_program_without_a_move_is_refused(text, files, capsys):
+    still = files / "still.nc"
+    still.write_text(text)
+    assert main(["compensate-nc", str(still), str(files / "map.json"), *OFFSETS]) == 1
+    assert "still.nc" in capsys.readouterr().err and not (files / "still_corrected.nc").exists()
+
+
+@pytest.mark.parametrize(
     ("option", "said"),
     [
         (["--offset", "G54"], "is not G54=X,Y,Z"),
