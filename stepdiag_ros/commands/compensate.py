@@ -415,12 +415,16 @@ def _write(
 
     make_folder(folder.parent)
     formats = () if picture == "none" else (picture,)
-    with TemporaryDirectory(prefix=".partial-", dir=folder.parent) as partial:
-        made = Path(partial) / "tables"
-        with progress_bar("writing tables") as progress:
-            files = write_results(made, contents, draw, formats, progress)
-        _refuse_existing(folder)
-        made.replace(folder)
+    try:
+        with TemporaryDirectory(prefix=".partial-", dir=folder.parent) as partial:
+            made = Path(partial) / "tables"
+            with progress_bar("writing tables") as progress:
+                files = write_results(made, contents, draw, formats, progress)
+            _refuse_existing(folder)
+            made.replace(folder)
+    except OSError as error:
+        # The folder beside is gone by now.
+        raise OSError(error.errno, error.strerror, str(folder)) from error
     return [path.name for path in files]
 
 

@@ -103,6 +103,7 @@ def test_nothing_is_overwritten_and_nothing_is_left_half(capsys, tmp_path, bag, 
     other = tmp_path / "other"
     code, _, err = stepdiag(capsys, *given[:4], "--output", other, "--pictures", "none")
     assert code == 1 and "no space left" in err
+    assert str(other) in err and ".partial" not in err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tables"]
 
 

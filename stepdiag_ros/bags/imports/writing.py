@@ -97,9 +97,12 @@ def write_bag(target: Path, content: ToWrite) -> None:
             for time, topic, message in further:
                 _write(bag, topic, message, time)
         partial.rename(target)
-    except OSError as error:
+    except (OSError, BagWriteError) as error:
+        # What the writer says is of a recording, of which the beginning stays.
+        cause = error.__cause__ if isinstance(error, BagWriteError) else error
+        reason = cause.strerror if isinstance(cause, OSError) else str(error)
         raise BagWriteError(
-            f"{target} cannot be written: {error.strerror}", fault="unwritable"
+            f"{target} cannot be written: {reason}", fault="unwritable", where=str(target)
         ) from error
     finally:
         partial.unlink(missing_ok=True)

@@ -14,7 +14,7 @@ from stepdiag_ros.bags.imports.imported import ImportOptions
 from stepdiag_ros.bags.imports.registry import import_file, read_file
 from stepdiag_ros.bags.reader import BagReader
 from stepdiag_ros.bags.run import load_run
-from stepdiag_ros.bags.writer import BagWriter
+from stepdiag_ros.bags.writer import BagWriter, UnbufferedFile
 from stepdiag_ros.commands.iso230 import report_of
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 from stepdiag_ros.metrology.standards.axis_test import all_runs
@@ -97,13 +97,15 @@ def test_the_same_file_has_the_same_identity_and_a_bag_is_never_overwritten(tmp_
         import_file(RTL, tmp_path / "a.mcap", ImportOptions())
 
 
-def test_a_bag_that_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
+@pytest.mark.parametrize("place", [(BagWriter, "write"), (UnbufferedFile, "sync")])
+def test_a_bag_that_cannot_be_written_leaves_nothing(tmp_path, monkeypatch, place):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(BagWriter, "write", full)
-    with refused(BagWriteError, "unwritable", "a.mcap"):
+    monkeypatch.setattr(*place, full)
+    with refused(BagWriteError, "unwritable", where=str(tmp_path / "a.mcap")) as caught:
         import_file(RTL, tmp_path / "a.mcap", ImportOptions())
+    assert "partial" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 
