@@ -128,6 +128,7 @@ def run(arguments: Namespace) -> int:
         partial(draw_budget, report),
         arguments,
         results_folder(arguments.bag),
+        ("budget", "budget_curves"),
     )
 
 

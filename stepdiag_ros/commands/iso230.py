@@ -92,6 +92,7 @@ def run(arguments: Namespace) -> int:
         lambda: draw_positioning(report),
         arguments,
         results_folder(arguments.bag, "iso230"),
+        ("iso230_2_*", "iso230_6_*"),
     )
 
 

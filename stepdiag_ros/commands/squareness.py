@@ -54,6 +54,7 @@ def run(arguments: Namespace) -> int:
         draw_squareness,
         arguments,
         results_folder(arguments.bag, "squareness"),
+        ("squareness_sensitivity",),
     )
 
 

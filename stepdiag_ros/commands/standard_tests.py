@@ -3,7 +3,7 @@
 import io
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -70,6 +70,7 @@ def show(
     draw: "Callable[[], Mapping[str, Picture]]",
     arguments: Namespace,
     default_folder: Path,
+    pictures: Collection[str] = (),
 ) -> int:
     """Write a result into its folder and print it as the user asked; return the exit code.
 
@@ -80,6 +81,8 @@ def show(
         draw: returns the pictures by the names of their files; only called if they are wanted.
         arguments: parsed, with the options of ``add_output_options``.
         default_folder: where results go if the user named no folder.
+        pictures: names of all pictures of such results, without ending; * for any text. Those of
+            earlier results are deleted.
     """
     from stepdiag_ros.report.publish import write_results
     from stepdiag_ros.text.console import make_console
@@ -90,8 +93,9 @@ def show(
     show_text(make_console(text))
     contents = {f"{name}.json": document + "\n", f"{name}.txt": text.getvalue()}
     warn_of_replaced(folder / f"{name}.json", run_of(document))
+    earlier = {path.stem for one in pictures for path in folder.glob(f"{one}.*")}
     with progress_bar("writing results") as progress:
-        files = write_results(folder, contents, lambda: dict(draw()), formats, progress)
+        files = write_results(folder, contents, lambda: dict(draw()), formats, progress, earlier)
     if arguments.json:
         print(document)
     else:

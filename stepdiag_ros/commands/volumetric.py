@@ -34,6 +34,7 @@ def run(arguments: Namespace) -> int:
         lambda: {} if report.accuracies else {"diagonals_and_volume": examples_picture()},
         arguments,
         folder,
+        ("diagonals_and_volume",),
     )
 
 

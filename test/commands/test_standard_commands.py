@@ -76,6 +76,19 @@ def test_the_real_axis_shows_the_two_figures_that_depart_from_the_standard(capsy
     assert text.splitlines() == [line.rstrip() for line in out.splitlines()]
 
 
+@pytest.mark.parametrize("pictures", ["none", "svg"])
+def test_no_picture_of_an_earlier_evaluation_stays(capsys, tmp_path, pictures):
+    (tmp_path / "iso230_2_other.png").write_bytes(b"of somebody who has no results here")
+    told = ("--output", tmp_path, "--pictures")
+    assert stepdiag(capsys, "iso230", CASE / "data.csv", "--axis", "X", *told, "png")[0] == 0
+    assert (tmp_path / "iso230_2_X.png").exists() and (tmp_path / "iso230_2_other.png").exists()
+    (tmp_path / "mine.png").write_bytes(b"of the user")
+    assert stepdiag(capsys, "iso230", CASE / "data.csv", "--axis", "Y", *told, pictures)[0] == 0
+    kept = {"iso230.json", "iso230.txt", "mine.png"}
+    kept |= {"iso230_2_Y.svg"} if pictures == "svg" else set()
+    assert {path.name for path in tmp_path.iterdir()} == kept
+
+
 def test_published_figures_that_are_no_parameters_are_refused(capsys, tmp_path):
     published = tmp_path / "p.yaml"
     published.write_text("unit: mm\nparameters: {Q: 1.0}\n")
@@ -189,9 +202,12 @@ def test_squareness_of_a_table_by_hand(capsys, tmp_path):
         "diagonal,start_x_mm,start_y_mm,start_z_mm,finish_x_mm,finish_y_mm,finish_z_mm,length_mm"
     )
     table.write_text(f"{header}\npp0,0,0,0,400,300,0,500.005\nnp0,400,0,0,0,300,0,499.999\n")
+    assert stepdiag(capsys, "squareness", table)[0] == 0
+    assert (tmp_path / "d_squareness" / "squareness_sensitivity.png").exists()
     code, out, _ = stepdiag(capsys, "squareness", table, "--pictures", "none", "--json")
     assert code == 0
     (one,) = json.loads(out)["squareness"]
+    assert not (tmp_path / "d_squareness" / "squareness_sensitivity.png").exists()
     assert one["theta"] == pytest.approx(0.5 * 6e-6 / 0.24)
     assert one["standard_uncertainty"] is None
     table.write_text(f"{header}\npp0,0,0,0,400,300,0,500.005\nnp0,390,0,0,0,300,0,492.036\n")
@@ -227,6 +243,8 @@ def test_the_examples_of_volumetric_accuracy(capsys, tmp_path):
     assert rows["volumetric accuracy"][-3:] == ["122.5", "50.0", "114.6"]
     assert "worst position error, µm                35.36" in out
     assert (tmp_path / "diagonals_and_volume.png").is_file()
+    assert stepdiag(capsys, "volumetric", "--output", tmp_path, "--pictures", "none")[0] == 0
+    assert not (tmp_path / "diagonals_and_volume.png").exists()
 
 
 def test_volumetric_accuracy_of_a_bag(capsys, tmp_path):
