@@ -57,18 +57,20 @@ _LONGEST_REASON = 600
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"\d{1,9}")
 # What air in a workshop can be, and what a value outside of it is likely to have been meant as.
+UNCERTAINTY = "standard_uncertainty_m"
 _PLAUSIBLE = {
     "air_temperature_degC": (-50.0, 100.0, "degrees Celsius; is it in kelvin?"),
     "air_pressure_Pa": (20e3, 130e3, "pascal; is it in hPa, mbar or kPa?"),
     "relative_humidity": (0.0, 1.0, "0 to 1; is it in per cent?"),
     "material_temperature_degC": (-50.0, 100.0, "degrees Celsius; is it in kelvin?"),
+    UNCERTAINTY: (0.0, 1e-3, "at most 0.001 m; is it in µm, or is the cell cut off?"),
 }
 
 
 def implausible(column: str, value: float) -> str:
-    """Return what a column of air or material should hold; empty if the value can be that."""
+    """Return what a column should hold; empty if the value can be that, or is not known."""
     low, high, expected = _PLAUSIBLE[column]
-    return "" if low <= value <= high else expected
+    return expected if value < low or value > high else ""
 
 
 class PassKey(NamedTuple):
@@ -326,6 +328,8 @@ class _RowCells:
                 "a number from 0, or an empty cell where it is not known",
                 fault="out_of_range",
             )
+        if column == UNCERTAINTY and (expected := implausible(column, value)):
+            raise self.wrong(column, expected, fault="out_of_range")
         return value
 
     def number_of(self, column: str) -> float:
@@ -394,7 +398,7 @@ def _row(cells: _RowCells) -> TableRow:
         reading=_reading(cells),
         environment=Environment(*(cells.environment(name) for name in ENVIRONMENT_COLUMNS)),
         told=_told(cells),
-        standard_uncertainty=cells.size("standard_uncertainty_m"),
+        standard_uncertainty=cells.size(UNCERTAINTY),
     )
 
 

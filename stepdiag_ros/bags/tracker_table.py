@@ -15,7 +15,7 @@ from pathlib import Path
 
 from stepdiag_ros.bags.csv_cells import csv_text, guarded, unguarded
 from stepdiag_ros.bags.errors import TableError
-from stepdiag_ros.bags.table_rows import read_text, refusal
+from stepdiag_ros.bags.table_rows import UNCERTAINTY, implausible, read_text, refusal
 from stepdiag_ros.metrology.plan import BACKWARD, FORWARD
 from stepdiag_ros.metrology.refusal import Fault
 from stepdiag_ros.metrology.tracker.readings import NAMES, TrackerReading
@@ -213,6 +213,8 @@ def _reading(row: _Row, planned: bool) -> TrackerReading:
                 "more than zero, or an empty cell if unknown",
                 fault="out_of_range",
             )
+        if expected := implausible(UNCERTAINTY, uncertainty):
+            raise row.wrong(UNCERTAINTY, expected, fault="out_of_range")
     return TrackerReading(
         station=row.text("station"),
         line=row.one_of("line", NAMES),

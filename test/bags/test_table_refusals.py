@@ -138,6 +138,15 @@ def test_a_row_that_is_cut_off(rows, tmp_path):
     is_refused(rows, tmp_path, 9, "too_few", "9")
 
 
+def test_a_cell_that_is_cut_off(rows, tmp_path):
+    rows[0].append("standard_uncertainty_m")
+    for cells in rows[1:]:
+        cells.append("4.575199940953895e-08")
+    rows[-1][-1] = rows[-1][-1][:-1]
+    cut, column = rows[-1][-1], "standard_uncertainty_m"
+    is_refused(rows, tmp_path, len(rows), "out_of_range", cut, about=column)
+
+
 def test_a_quote_that_never_ends(rows, tmp_path):
     rows[-1][2] = '"ppn'
     is_refused(rows, tmp_path, len(rows), "malformed", aspect="quoting")

@@ -68,6 +68,10 @@ def test_a_plan_may_lack_lengths_a_measurement_may_not():
             f"{HEADER}\n{ROW.replace('2e-07', '-2e-07')}\n",
             a_fault("out_of_range", about="standard_uncertainty_m"),
         ),
+        (
+            f"{HEADER}\n{ROW.replace('2e-07', '2e-0')}\n",
+            a_fault("out_of_range", "2e-0", about="standard_uncertainty_m"),
+        ),
         (f"{HEADER}\n{ROW.replace('1,xy', ',xy')}\n", a_fault("missing", about="station")),
         (f'{HEADER}\n"1,xy\n', a_fault("malformed", aspect="quoting", row=2)),
     ],

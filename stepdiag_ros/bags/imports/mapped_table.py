@@ -27,6 +27,7 @@ from stepdiag_ros.bags.imports.source import SourceFile, number_in, whole_in
 from stepdiag_ros.bags.table_plan import planned_lines
 from stepdiag_ros.bags.table_rows import (
     ENVIRONMENT_COLUMNS,
+    UNCERTAINTY,
     PassColumns,
     PassKey,
     TableRow,
@@ -282,6 +283,9 @@ class _Numbers:
         value = self.number(cells, name) if cells.texts[name] else float("nan")
         if value < 0.0:
             raise refusal(self._source, cells.row, f"'{name}' is negative")
+        if name == "uncertainty" and (expected := implausible(UNCERTAINTY, value)):
+            reason = f"'{name}' is {value:g} m; expected {expected}"
+            raise refusal(self._source, cells.row, reason, fault="out_of_range", column=name)
         return value
 
     def position(self, cells: _Cells, nominal: Vector) -> tuple[float, float, float]:

@@ -142,6 +142,13 @@ def test_a_column_states_the_overrun_of_step_diagonals_too(tmp_path):
         read_file(*with_column(tmp_path, "overrun", 2, "m"))
 
 
+def test_an_uncertainty_that_no_reading_has_is_refused(tmp_path):
+    _, made = read_file(*with_column(tmp_path, "uncertainty", 0.2, "um"))
+    assert {float(u) for line in made.lines for u in line.standard_uncertainty} == {2e-7}
+    with refused(TableError, "out_of_range", "0.2 m", about="uncertainty"):
+        read_file(*with_column(tmp_path, "uncertainty", 0.2, "m"))
+
+
 def test_a_unit_without_a_column_is_refused(tmp_path):
     name = written(tmp_path, "step_diagonal_stops", lambda made: made["columns"].pop("reading"))
     with refused(ValueError, "missing", "reading", about="reading"):
