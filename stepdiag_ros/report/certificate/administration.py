@@ -1,7 +1,7 @@
 """The administrative part of a certificate, and what the schema demands of it."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import date
+from datetime import date, timedelta
 from xml.etree.ElementTree import Element
 
 from stepdiag_ros import __version__
@@ -17,6 +17,8 @@ from stepdiag_ros.report.pages.sections.measurement import begun_and_ended
 
 DEFINITIONS = "urn:stepdiag_ros:dcc:1"
 """Of our refTypes."""
+_ZONES = timedelta(days=1)
+"""A date of the laboratory can be this much before the same day in UTC."""
 
 
 def performed(recorded: RecordedRun, stated: Laboratory) -> tuple[date | None, date | None]:
@@ -55,7 +57,7 @@ def require_of_run(recorded: RecordedRun, given: Given, stated: Laboratory) -> N
     """Demand what the schema demands and either a recording or the laboratory states.
 
     Raises:
-        Refusal: as ``require``.
+        Refusal: as ``require``, or the certificate is dated before the end of the measurement.
     """
     first, last = performed(recorded, stated)
     _require(
@@ -67,6 +69,15 @@ def require_of_run(recorded: RecordedRun, given: Given, stated: Laboratory) -> N
             "endPerformanceDate": (last, "certificate: end"),
         },
     )
+    issued = stated.certificate.issued
+    if issued is not None and last is not None and issued < last - _ZONES:
+        raise Refusal(
+            f"{stated.source}: 'issued' is {issued}, before the end of the measurement, {last}."
+            " State the date on which the certificate is issued, or leave it out",
+            fault="out_of_order",
+            about="issued",
+            where=stated.source,
+        )
 
 
 def _require(stated: Laboratory, needed: Mapping[str, tuple[object, str]]) -> None:

@@ -38,6 +38,7 @@ from stepdiag_ros.metrology.geometry import ROTATIONS, SQUARENESS, TRANSLATIONS,
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR
 from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+from stepdiag_ros.report.certificate.administration import require_of_run
 from stepdiag_ros.report.certificate.build import certificate
 from stepdiag_ros.report.certificate.laboratory import Laboratory
 from stepdiag_ros.report.certificate.xml import refuse_unfit
@@ -407,6 +408,21 @@ def test_each_key_that_the_schema_demands_is_asked_for(materials, section, key, 
     )
     with refused(Refusal, "missing", key, about=field, where="laboratory.yaml"):
         certificate(material, laboratory)
+
+
+def test_a_certificate_is_not_dated_before_its_measurement(materials):
+    laboratory = stated()
+    for issued in (None, date(2026, 1, 2), date(2026, 1, 4)):  # one day for time zones
+        dated = replace(laboratory, certificate=replace(laboratory.certificate, issued=issued))
+        require_of_run(materials("whole").recorded, given(), dated)
+    early = replace(laboratory.certificate, issued=date(2026, 1, 1))
+    with refused(Refusal, "out_of_order", about="issued", where="laboratory.yaml"):
+        certificate(materials("whole"), replace(laboratory, certificate=early))
+    run = load_run(RUN)  # its own dates are those that count
+    with refused(Refusal, "out_of_order", about="issued"):
+        require_of_run(
+            run, given(), replace(laboratory, certificate=replace(early, issued=date(2020, 1, 1)))
+        )
 
 
 def test_persons_and_the_name_of_the_machine_are_asked_for(materials):
