@@ -161,14 +161,24 @@ class _Siemens:
         return "".join([*lines, "M17\n"]) if wishes else ""
 
     def read(self, files: Mapping[str, str]) -> TableSet:
-        """Return what the control does with the tables in these files."""
+        """Return what the control does with the tables in these files.
+
+        Only their order says which axes are X, Y and Z: ``write`` has them in this order.
+        """
         entries: dict[tuple[str, str], dict[str, str]] = {}
         values: dict[tuple[str, str], dict[int, float]] = {}
         for name in (ENC_FILE, CEC_FILE):
             _collect(files.get(name, ""), name, entries, values)
         if not values:
             raise ValueError(f"there is no table in {ENC_FILE} or {CEC_FILE}")
-        axes = sorted({key for kind, key in values if kind == "A_ENC_COMP"})
+        axes = [key for kind, key in values if kind == "A_ENC_COMP"]
+        if len(axes) != len(AXES):
+            raise Refusal(
+                f"{ENC_FILE} has tables of {', '.join(axes) or 'no axis'}: state one of each axis,"
+                " in the order X, Y, Z",
+                fault="missing",
+                about=ENC_FILE,
+            )
         tables = []
         for (kind, key), points in values.items():
             entry = entries[(kind, key)]

@@ -165,6 +165,23 @@ def test_corrections_are_zero_at_the_reference_point():
         assert np.max(np.abs(moved)) < 0.35e-6, name
 
 
+def test_the_axes_of_siemens_tables_are_those_of_the_order_in_the_file_whatever_their_names():
+    _, identified = measured()
+    places = np.vstack([along(identified, axis) for axis in range(3)])
+    sent = [
+        control("siemens").read(written("siemens", identified, axes=axes)).sent(places, True)
+        for axes in ("X1,Y1,Z1", "X1,Y1,W1", "Z1,Y1,X1")
+    ]
+    assert np.ptp(sent[0] - places) > 1e-6
+    assert np.array_equal(sent[1], sent[0]) and np.array_equal(sent[2], sent[0])
+    files = written("siemens", identified)
+    files["AX_EEC.INI"] = "\n".join(
+        line for line in files["AX_EEC.INI"].splitlines() if "X1]" not in line
+    )
+    with refused(Refusal, "missing", about="AX_EEC.INI"):
+        control("siemens").read(files)
+
+
 def test_tables_on_top_of_tables_contain_them():
     _, identified = measured()
     old = TableSet(
