@@ -17,6 +17,7 @@ from stepdiag_ros.evaluation.report import Report
 from stepdiag_ros.metrology.forward import AXES_OF
 from stepdiag_ros.metrology.geometry import AXES, SQUARENESS, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.plan import LINEAR
+from stepdiag_ros.metrology.solvers.ranges import range_excess
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.standards.iso230_2 import PositioningTest
 from stepdiag_ros.metrology.standards.positioning_uncertainty import (
@@ -167,18 +168,16 @@ def _ends_of_range(values: Vector) -> tuple[int, int]:
 
 
 def _range(result: VolumetricErrors, name: str) -> Figure:
-    """Return the largest less the smallest value of a curve, with the covariance of both nodes."""
+    """Return the largest less the smallest value of a curve, with the uncertainty of a range."""
     values = np.asarray(result.curves[name])
     label = f"{PEAK_TO_PEAK} {name}"
     if not np.all(np.isfinite(values)):
         return Figure(label, nan, nan, "m")
-    high, low = _ends_of_range(values)
     begin = sum(len(result.curves[one]) for one in _before(result, name))
-    spread = nan
-    if result.covariance.shape[0] >= begin + len(values):
-        places = [begin + high, begin + low]
-        spread = _of_difference(result.covariance[np.ix_(places, places)])
-    return Figure(label, float(values[high] - values[low]), spread, "m")
+    end, spread = begin + len(values), nan
+    if result.covariance.shape[0] >= end:
+        spread = _of_range(values, result.covariance[begin:end, begin:end])
+    return Figure(label, float(np.ptp(values)), spread, "m")
 
 
 def _before(result: VolumetricErrors, name: str) -> list[str]:
@@ -186,10 +185,15 @@ def _before(result: VolumetricErrors, name: str) -> list[str]:
     return names[: names.index(name)]
 
 
-def _of_difference(covariance: Vector) -> float:
-    """Return the standard uncertainty of the first less the second of two quantities."""
-    variance = covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]
-    return sqrt(max(float(variance), 0.0)) if isfinite(variance) else nan
+def _of_range(values: Vector, covariance: Vector) -> float:
+    """Return the standard uncertainty of the range of values, m.
+
+    It is that of the difference between the nodes where the curve is largest and smallest, and of
+    the excess that comes with choosing these two (``solvers.ranges``).
+    """
+    high, low = _ends_of_range(values)
+    variance = covariance[high, high] + covariance[low, low] - 2.0 * covariance[high, low]
+    return float(np.hypot(sqrt(max(variance, 0.0)), range_excess(values, covariance)))
 
 
 def _expanded_range(budget: Budget | None, name: str, values: Vector) -> Expanded:
@@ -201,16 +205,15 @@ def _expanded_range(budget: Budget | None, name: str, values: Vector) -> Expande
         for row, quantity in enumerate(budget.sensitivity.quantities)
         if quantity.curve == name
     }
-    ends = _ends_of_range(values)
     # What the frame fixes is not a quantity of the budget, and has no uncertainty.
-    known = [place for place, node in enumerate(ends) if node in rows]
-    if not known:
+    at = [rows[node] for node in _ends_of_range(values) if node in rows]
+    if not at:
         return Expanded()
-    at = [rows[ends[place]] for place in known]
-    covariance = np.zeros((2, 2))
-    covariance[np.ix_(known, known)] = budget.covariance[np.ix_(at, at)]
+    nodes, places = list(rows), list(rows.values())
+    covariance = np.zeros((len(values),) * 2)
+    covariance[np.ix_(nodes, nodes)] = budget.covariance[np.ix_(places, places)]
     factor = float(np.max(budget.coverage_factor[at]))
-    return Expanded(factor * _of_difference(covariance), factor)
+    return Expanded(factor * _of_range(values, covariance), factor)
 
 
 def with_ranges(report: Report) -> Report:
