@@ -11,15 +11,19 @@ from stepdiag_ros.metrology.geometry import (
     BODY_DIAGONALS,
     CHAINS,
     FACE_DIAGONALS,
+    ROTATIONS,
+    TRANSLATIONS,
     line_signs,
 )
 from stepdiag_ros.metrology.plan import Plan
-from stepdiag_ros.metrology.plausible import NOTHING, Plausible
+from stepdiag_ros.metrology.plausible import NOTHING, PLAUSIBLE_SCALE, PLAUSIBLE_SHIFT, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.standards.diagonal_squareness import (
     PAIRS,
     DiagonalLength,
+    LinearError,
+    LinearLine,
     check_ends,
     from_body,
     from_face,
@@ -127,9 +131,17 @@ def bodies_of(slopes, linear=LINEAR_ERRORS, spread=1e-7):
     return [replace(one, standard_uncertainty=spread) for one in lengths]
 
 
-def linear_tests(linear=LINEAR_ERRORS, spread=1e-7):
-    errors = np.asarray(linear) * TRAVEL
-    return {axis: (float(error), spread) for axis, error in zip("XYZ", errors, strict=True)}
+def linear_tests(linear=LINEAR_ERRORS, spread=1e-7, corners=None):
+    """Return linear tests from these corners of X, Y, Z; None: nobody knows where they ran."""
+    found = {}
+    for number, (axis, rate) in enumerate(zip("XYZ", linear, strict=True)):
+        way = TRAVEL * (np.arange(3) == number)
+        lines = ()
+        if corners is not None:
+            start = np.asarray(corners[number], dtype=float)
+            lines = (LinearLine(start, start + way),)
+        found[axis] = LinearError(float(rate * TRAVEL[number]), spread, lines)
+    return found
 
 
 def test_four_lengths_leave_nothing_to_check_and_linear_tests_leave_one():
@@ -161,11 +173,14 @@ def test_three_diagonals_are_enough_with_linear_tests():
 def test_the_uncertainty_of_body_diagonals_is_that_of_simulated_noise(draws, near):
     rng = np.random.default_rng(2)
     clean = bodies_of({"E_XY": 30e-6}, spread=2e-7)
-    linear = linear_tests(spread=3e-7)
+    linear = linear_tests(spread=3e-7, corners=[LOW] * 3)
     thetas = []
     for _ in range(draws):
         noisy = [replace(one, error=one.error + 2e-7 * rng.standard_normal()) for one in clean]
-        axes = {a: (e + 3e-7 * rng.standard_normal(), u) for a, (e, u) in linear.items()}
+        axes = {
+            axis: one._replace(error=one.error + 3e-7 * rng.standard_normal())
+            for axis, one in linear.items()
+        }
         found = from_body(noisy, axes, plausible=NOTHING)
         thetas.append([*(one.theta for one in found.values), found.closure])
     expected = [*(one.standard_uncertainty for one in found.values), found.closure_uncertainty]
@@ -185,7 +200,7 @@ def test_rotations_that_no_length_tells_are_in_the_uncertainty(chain):
     rng = np.random.default_rng(4)
     names = [f"E_{turn}{axis}" for axis in "XYZ" for turn in "ABC"]
     nodes = [np.array([low, high]) for low, high in zip(LOW, HIGH, strict=True)]
-    linear = linear_tests((0.0, 0.0, 0.0), 0.0)
+    linear = linear_tests((0.0, 0.0, 0.0), 0.0, corners=np.zeros((3, 3)))
     known = Plausible(rotation=10e-6, shift=0.0, scale=0.0)
     thetas = []
     for _ in range(400):
@@ -207,6 +222,68 @@ def test_rotations_that_no_length_tells_are_in_the_uncertainty(chain):
     blind = from_body([lengths[name] for name in BODY_DIAGONALS], linear, "", known)
     for one, worst in zip(body.values, blind.values, strict=True):
         assert worst.standard_uncertainty >= one.standard_uncertainty * (1.0 - 1e-12)
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_a_linear_test_whose_place_is_unknown_counts_as_that_of_the_worst_edge(chain):
+    far, lengths = TRAVEL * (1.0 - np.eye(3)), bodies_of({})
+    lengths = [
+        replace(one, start=tuple(one.start - LOW), finish=tuple(one.finish - LOW))
+        for one in lengths
+    ]
+
+    def spreads(corners):
+        found = from_body(lengths[:3], linear_tests(corners=corners), chain)
+        return np.array([one.standard_uncertainty for one in found.values])
+
+    unknown, near = spreads(None), spreads(np.zeros((3, 3)))
+    assert np.all(unknown >= np.maximum(near, spreads(far)) * (1.0 - 1e-12))
+    assert np.max(unknown / near) > 1.2
+
+
+@pytest.mark.parametrize("chain", ["ZXY", "YXZ"])
+@pytest.mark.parametrize("machines", [60, 400], ids=["few", "many"])
+def test_squareness_from_three_diagonals_lies_inside_u_where_linear_lines_run_at_far_edges(
+    chain, machines
+):
+    # Without what rotations do at the offset of the lines, 73 % and 84 % of C0Y lay inside.
+    from cells_for_tests import make_cell
+
+    side, edge = 0.5, np.linspace(0.0, 0.5, 3)
+    far = [
+        {"kind": "linear", "names": [axis], "offset_m": [side * (one != axis) for one in "xyz"]}
+        for axis in "xyz"
+    ]
+    plan = Plan.from_mapping(
+        {
+            "step_m": [side / 2] * 3,
+            "blocks": 2,
+            "directions": ["forward", "backward"],
+            "overrun_m": 0.002,
+            "feed_m_per_s": 0.05,
+            "lines": [{"kind": "diagonal", "names": ["ppp", "npp", "pnp"]}, *far],
+        },
+        "lines at far edges",
+    )
+    inside = []
+    for seed in range(machines):
+        rng, scales = np.random.default_rng(seed), {}
+        curves = {name: 1e-6 * np.r_[0.0, rng.normal(size=2)] for name in TRANSLATIONS}
+        turns = {name: 10e-6 * np.r_[0.0, 0.5, 1.0] * rng.normal() for name in ROTATIONS}
+        errors = ErrorCurves.from_curves([edge] * 3, {**curves, **turns})
+        cell = replace(make_cell(seed, chain, tilt=0.0), errors=errors)
+        run, common = simulate(plan, cell, seed), PLAUSIBLE_SCALE * rng.normal()
+        lines = []
+        for line in run.lines:
+            own = scales.setdefault(line.setup, PLAUSIBLE_SHIFT * rng.normal())
+            read = line.displacement * (1.0 + common + own) + 1e-7 * rng.normal()
+            lines.append(replace(line, displacement=read))
+        for one in squareness_of(replace(run, lines=tuple(lines))).values:
+            true = sum(curves[pair][-1] for pair in SQUARENESS_SLOPES[one.name][1]) / side
+            error = one.theta - true
+            inside.append(abs(error) < 1.96 * one.standard_uncertainty)
+    shares = np.mean(np.reshape(inside, (machines, 3)), axis=0)
+    assert np.all(shares > (0.88 if machines < 100 else 0.925)), shares
 
 
 def turned_length(name, errors, chain):

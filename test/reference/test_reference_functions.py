@@ -9,7 +9,11 @@ from certified import EPSILON, FOLDER, matching_digits
 
 from stepdiag_ros.metrology.plan import LINEAR
 from stepdiag_ros.metrology.standards.axis_test import BidirectionalRuns
-from stepdiag_ros.metrology.standards.diagonal_squareness import DiagonalLength, from_body
+from stepdiag_ros.metrology.standards.diagonal_squareness import (
+    DiagonalLength,
+    LinearError,
+    from_body,
+)
 from stepdiag_ros.metrology.standards.iso230_2 import evaluate
 from stepdiag_ros.metrology.tracker.location import locate
 
@@ -45,7 +49,7 @@ def test_squareness_from_body_diagonals(case):
         finish = [0.0 if letter == "n" else t for letter, t in zip(line, travel, strict=True)]
         own = case["standard_uncertainty_m"][line]
         lengths.append(DiagonalLength(line, tuple(start), tuple(finish), error, own))
-    found = from_body(lengths, {axis: tuple(pair) for axis, pair in case["linear"].items()})
+    found = from_body(lengths, {axis: LinearError(*pair) for axis, pair in case["linear"].items()})
     certified = case["certified"]
     digits = {"mean": matching_digits([found.mean_length_error], [certified["mean"]], 1e-5)}
     for one in found.values:

@@ -20,8 +20,9 @@ between the positive axes is *smaller* than 90°. Hence
   when the axes' positioning was measured too: that mean must be Σ L_i Δ_ii / D_0 of the linear
   tests. Then even three diagonals are enough. Both are one weighted least-squares problem here.
 
-Rotations of the axes and shifts of the laser's scale change the lengths as well; no diagonal
-determines them, so they are in the uncertainties (``length_effects``).
+Rotations of the axes and shifts of the laser's scale change the lengths as well, also those of the
+linear tests where their lines run off the edges of the corner at which rotations are zero; no
+diagonal determines them, so they are in the uncertainties (``length_effects``).
 
 All of this holds only if the diagonals are those of one box: they start and finish at identical
 coordinates, and each end is read after a move in the same direction (RL, "Squareness analysis").
@@ -30,9 +31,11 @@ The slopes are end to end, not those of least-squares lines: with curved axes th
 by right-handed rotation (``forward.SQUARENESS_SLOPES``): C0Y = -θ_XY, B0Z = +θ_XZ, A0Z = -θ_YZ.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from math import isfinite, nan, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,6 +101,34 @@ class DiagonalLength:
     def nominal(self) -> float:
         """Return D_0, m."""
         return float(np.linalg.norm(self.travel))
+
+
+class LinearLine(NamedTuple):
+    """Where the linear test of an axis ran in one setup.
+
+    Attributes:
+        start: machine coordinates of its start, m, shape (3,).
+        finish: of its end, m, shape (3,).
+        share: of this setup in the mean over all passes, 0 to 1.
+    """
+
+    start: Vector
+    finish: Vector
+    share: float = 1.0
+
+
+class LinearError(NamedTuple):
+    """The positioning error of an axis over the travel, by its linear tests.
+
+    Attributes:
+        error: mean over all passes, m.
+        standard_uncertainty: of the error, m; NaN if not known.
+        lines: one for each setup; empty if their places are not known.
+    """
+
+    error: float
+    standard_uncertainty: float
+    lines: tuple[LinearLine, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -191,13 +222,15 @@ def _uncertainty_of_mean(errors: Sequence[float], variances: Sequence[float]) ->
     return passes if not isfinite(readings) else max(readings, passes)
 
 
-def linear_errors_of(measurement: Measurement) -> dict[str, tuple[float, float]]:
-    """Return E_XX, E_YY, E_ZZ over the travel from the linear lines: axis → (error, u), m."""
+def linear_errors_of(measurement: Measurement) -> dict[str, LinearError]:
+    """Return E_XX, E_YY, E_ZZ over the travel from the linear lines, by axis."""
     found = {}
     for axis, name in zip(AXES, LINEAR_LINES, strict=True):
         errors, variances = [], []
+        passes: dict[str, list[MeasuredLine]] = {}
         for line in measurement.lines:
             if line.line.name == name and line.complete:
+                passes.setdefault(line.setup, []).append(line)
                 way = line.target[-1] - line.target[0]
                 nominal = float(way[AXES.index(axis)])
                 sense = np.sign(nominal)
@@ -205,7 +238,14 @@ def linear_errors_of(measurement: Measurement) -> dict[str, tuple[float, float]]
                 errors[-1] -= abs(nominal)
                 variances.append(float(np.sum(line.standard_uncertainty[[0, -1]] ** 2)))
         if errors:
-            found[axis] = (float(np.mean(errors)), _uncertainty_of_mean(errors, variances))
+            found[axis] = LinearError(
+                float(np.mean(errors)),
+                _uncertainty_of_mean(errors, variances),
+                tuple(
+                    LinearLine(lines[0].target[0], lines[0].target[-1], len(lines) / len(errors))
+                    for lines in passes.values()
+                ),
+            )
     return found
 
 
@@ -307,7 +347,7 @@ def from_face(
 
 def from_body(
     diagonals: Sequence[DiagonalLength],
-    linear: Mapping[str, tuple[float, float]] | None = None,
+    linear: Mapping[str, LinearError] | None = None,
     chain: str = "",
     plausible: Plausible = ORDINARY,
 ) -> SquarenessResult:
@@ -315,7 +355,8 @@ def from_body(
 
     Args:
         diagonals: the four body diagonals, or three with the linear tests of all axes.
-        linear: axis X, Y, Z → (positioning error over the travel, its standard uncertainty), m.
+        linear: axis X, Y, Z → its positioning error over the travel. A linear test whose place is
+            not known counts as one along the edge of the box where rotations do most.
         chain: order of the axes from workpiece to tool; empty if not known.
         plausible: what may act although no length shows it.
 
@@ -348,16 +389,16 @@ def from_body(
     if with_linear:
         shares = travel / nominal
         rows.append([1.0, 0.0, 0.0, 0.0])
-        values.append(float(sum(shares[k] * linear[a][0] for k, a in enumerate(AXES))))
-        squares = sum((shares[k] * linear[a][1]) ** 2 for k, a in enumerate(AXES))
+        values.append(float(sum(shares[k] * linear[a].error for k, a in enumerate(AXES))))
+        squares = sum((shares[k] * linear[a].standard_uncertainty) ** 2 for k, a in enumerate(AXES))
         spreads.append(sqrt(float(squares)))
-    # The linear tests together are as long as a diagonal, and no rotation acts on them.
-    start = np.asarray(diagonals[0].start)
-    ends = [*(one.ends for one in diagonals), *[(start, start)] * with_linear]
-    lengths = np.full(len(values), nominal)
+    places = list(_places_of_linear(diagonals, linear if with_linear else {}))
 
     def others(weights: Vector) -> Vector:
-        return added_variances(weights, ends, lengths, chain, plausible)
+        worst: Vector = np.max(
+            [_others(weights, diagonals, lines, chain, plausible) for lines in places], axis=0
+        )
+        return worst
 
     solution = _solution(np.array(rows), np.array(spreads))
     estimate = solution @ values
@@ -379,6 +420,49 @@ def from_body(
         closure_uncertainty=closure_uncertainty,
         remarks=warnings,
     )
+
+
+def _places_of_linear(
+    diagonals: Sequence[DiagonalLength], linear: Mapping[str, LinearError]
+) -> Iterator[tuple[LinearLine, ...]]:
+    """Yield the lines of all linear tests: once, or for every edge of the box if not known."""
+    travel = np.abs(diagonals[0].travel)
+    low = np.minimum(diagonals[0].start, diagonals[0].finish)
+    of_axes: list[Sequence[tuple[LinearLine, ...]]] = []
+    for number, axis in enumerate(AXES if linear else ()):
+        way = np.where(np.arange(3) == number, travel, 0.0)
+        corners = [low + travel * at for at in product((0.0, 1.0), repeat=3) if not at[number]]
+        edges = [(LinearLine(corner, corner + way),) for corner in corners]
+        of_axes.append([linear[axis].lines] if linear[axis].lines else edges)
+    for chosen in product(*of_axes):
+        yield tuple(line for lines in chosen for line in lines)
+
+
+def _others(
+    weights: Vector,
+    diagonals: Sequence[DiagonalLength],
+    lines: Sequence[LinearLine],
+    chain: str,
+    plausible: Plausible,
+) -> Vector:
+    """Return what rotations and air add to the variances of sums of lengths, shape (q,).
+
+    A rotation of axis i moves the line at the offset o by ε_i × L_i(o): nothing along the edges
+    through the corner where the rotation is zero, and most at the opposite edge.
+
+    Args:
+        weights: of each diagonal, and of all linear tests together if there are any, shape (q, d).
+        diagonals: whose lengths are summed.
+        lines: the linear tests; each counts in their sum Σ L_i Δ_ii / D_0 by L_i / D_0.
+        chain: order of the axes from workpiece to tool; empty if not known.
+        plausible: what may act.
+    """
+    of_diagonals, of_linear = np.split(weights, [len(diagonals)], axis=1)
+    ends = [*(one.ends for one in diagonals), *((one.start, one.finish) for one in lines)]
+    lengths = np.array([np.linalg.norm(finish - start) for start, finish in ends])
+    shares = np.array([one.share for one in lines]) * lengths[len(diagonals) :] / lengths[0]
+    each = np.hstack([of_diagonals, np.sum(of_linear, axis=1, keepdims=True) * shares])
+    return added_variances(each, ends, lengths, chain, plausible)
 
 
 def _solution(design: Vector, spreads: Vector) -> Vector:
@@ -407,7 +491,7 @@ def squareness_of(measurement: Measurement) -> SquarenessResult:
 
 def squareness_from(
     lengths: Sequence[DiagonalLength],
-    linear: Mapping[str, tuple[float, float]] | None = None,
+    linear: Mapping[str, LinearError] | None = None,
     chain: str = "",
     plausible: Plausible = ORDINARY,
 ) -> SquarenessResult:

@@ -29,7 +29,7 @@ def added_variances(
 
     Args:
         weights: of each length in each quantity, shape (q, d).
-        ends: start and finish of each length, m; equal for one that rotations do not act on.
+        ends: start and finish of each length, m.
         lengths: nominal, m, shape (d,).
         chain: order of the axes from workpiece to tool; empty if not known: then that chain counts
             in which the rotations do most.
@@ -77,7 +77,7 @@ def rotation_effects(ends: Sequence[tuple[Vector, Vector]], chain: str) -> Vecto
     travel = np.max([starts, finishes], axis=(0, 1)) - low
     way = finishes - starts
     length = np.linalg.norm(way, axis=1)
-    beam = way / np.where(length > 0.0, length, 1.0)[:, None]
+    beam = way / length[:, None]
     effect = np.zeros((len(ends), 3, 3))
     for sense, places in ((1.0, finishes - low), (-1.0, starts - low)):
         share = places / np.where(travel > 0.0, travel, 1.0)
