@@ -17,6 +17,7 @@ from stepdiag_ros.compensation.identified import Identified
 from stepdiag_ros.metrology.forward import SQUARENESS_SLOPES
 from stepdiag_ros.metrology.geometry import AXES, TRANSLATIONS, Vector, moving_axis
 from stepdiag_ros.metrology.target_correction import held_errors
+from stepdiag_ros.metrology.uncertainty.longest_vector import spread_after_correction
 
 BETWEEN = 4
 """Places between two nodes that are looked at along an axis."""
@@ -80,8 +81,8 @@ class Remainder:
         known: how many of them have a known error.
         rms_uncertainty: rms over the volume of the standard uncertainty of the error vectors, m:
             below this no error can be compensated; NaN where not known.
-        largest_uncertainty: standard uncertainty of the error vector that is known least well, in
-            the direction in which that is so, m; NaN where not known.
+        largest_uncertainty: standard uncertainty of the longest error vector that is left where all
+            known errors are corrected (``longest_vector``), m; NaN where not known.
     """
 
     axes: tuple[AxisRemainder, AxisRemainder, AxisRemainder]
@@ -148,13 +149,8 @@ def remainder(identified: Identified, applied: Applied, corrects: tuple[str, ...
         places=len(places),
         known=int(np.count_nonzero(np.all(np.isfinite(bare[0]), axis=1))),
         rms_uncertainty=_rms(spread[None]),
-        largest_uncertainty=_largest_uncertainty(identified.error_map.covariance_at(some)),
+        largest_uncertainty=spread_after_correction(identified.error_map),
     )
-
-
-def _largest_uncertainty(covariance: Vector) -> float:
-    known = covariance[np.all(np.isfinite(covariance), axis=(1, 2))]
-    return float(np.sqrt(np.max(np.linalg.eigvalsh(known)))) if len(known) else nan
 
 
 def _errors(identified: Identified, wanted: Vector, sent: Vector, forward: bool) -> Vector:

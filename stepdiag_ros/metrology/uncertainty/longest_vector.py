@@ -29,24 +29,54 @@ def spread_of_longest(
     1.96 times it holds the true one in 95 of 100 cases, wherever that is.
 
     Args:
-        error_map: determined at every node.
-        length: of its longest error vector, m.
-        place: machine coordinates of this vector, m, shape (3,).
+        error_map: of which the vector is the longest.
+        length: of the vector, m.
+        place: machine coordinates of the vector, m, shape (3,).
         scale: factor by which errors are larger than the covariance of the map states.
 
     Returns:
         NaN where the covariance is not known.
     """
-    corners = places_of([nodes[[0, -1]] for nodes in error_map.nodes])
-    places = np.vstack([error_map.some_nodes(_PLACES), corners, place])
-    factors = scale * error_map.factors_at(places)
-    if not np.all(np.isfinite(factors)):
-        return float("nan")
-    causes = factors.shape[2]
-    errors = factors.reshape(-1, causes) @ draws(causes).T
-    drawn = error_map.errors(places)[:, :, None] + errors.reshape(*factors.shape[:2], -1)
-    longest = np.sqrt(np.max(np.einsum("nik,nik->nk", drawn, drawn), axis=0))
-    farthest = float(np.quantile(np.abs(longest - length), COVERAGE_PROBABILITY))
+    places = np.vstack([_places(error_map), place])
+    longest = _longest(error_map.errors(places), scale * error_map.factors_at(places))
     values = np.concatenate(list(error_map.curves.values()))
-    by_chance = share_by_chance(values, scale**2 * np.nan_to_num(error_map.covariance))
-    return max(farthest, by_chance * length) / COVERAGE_FACTOR
+    covariance = scale**2 * np.nan_to_num(error_map.covariance)
+    if not np.all(np.isfinite(longest)) or covariance.shape != (values.size, values.size):
+        return float("nan")
+    farthest = float(np.quantile(np.abs(longest - length), COVERAGE_PROBABILITY))
+    return max(farthest, share_by_chance(values, covariance) * length) / COVERAGE_FACTOR
+
+
+def spread_after_correction(error_map: VolumetricMap) -> float:
+    """Return the standard uncertainty of what is left where all errors of a map are corrected, m.
+
+    In 95 of 100 cases the longest error vector is at most 1.96 times as long, wherever it is.
+
+    Returns:
+        NaN where the covariance is not known.
+    """
+    factors = error_map.factors_at(_places(error_map))
+    longest = _longest(np.zeros(factors.shape[:2]), factors)
+    return float(np.quantile(longest, COVERAGE_PROBABILITY)) / COVERAGE_FACTOR
+
+
+def _places(error_map: VolumetricMap) -> Vector:
+    corners = places_of([nodes[[0, -1]] for nodes in error_map.nodes])
+    return np.vstack([error_map.some_nodes(_PLACES), corners])
+
+
+def _longest(vectors: Vector, factors: Vector) -> Vector:
+    """Return the length of the longest vector of each draw, m; NaN where none is known.
+
+    Args:
+        vectors: of the map at places, m, shape (n, 3).
+        factors: what causes of standard deviation 1 do to the vectors, m, shape (n, 3, causes).
+    """
+    known = np.all(np.isfinite(factors), axis=(1, 2)) & np.all(np.isfinite(vectors), axis=1)
+    if not np.any(known):
+        return np.array([np.nan])
+    count, _, causes = factors[known].shape
+    errors = factors[known].reshape(-1, causes) @ draws(causes).T
+    drawn = vectors[known][:, :, None] + errors.reshape(count, 3, -1)
+    longest: Vector = np.sqrt(np.max(np.einsum("nik,nik->nk", drawn, drawn), axis=0))
+    return longest
