@@ -34,6 +34,8 @@ class LargestErrorBudget:
 
     Attributes:
         value: its length, m.
+        scale: factor by which the sources do more at the place found than the covariance of the map
+            states; at least 1.
         elsewhere: standard uncertainty beside the sources, because the largest error may be at
             another place or point another way, m; NaN where the covariance is not known.
         contributions: standard uncertainty by each source of the budget alone, m, shape (s,); NaN
@@ -43,6 +45,7 @@ class LargestErrorBudget:
     """
 
     value: float
+    scale: float
     elsewhere: float
     contributions: Vector
     degrees_of_freedom: float
@@ -103,20 +106,14 @@ def budget_of_largest_error(
         contributions[:, None], np.array([source.degrees_of_freedom for source in budget.sources])
     )
     factor = coverage_factor(freedom, budget.coverage)
-    elsewhere = _elsewhere(error_map, found, float(np.sqrt(np.nansum(contributions**2))))
-    return LargestErrorBudget(
-        found.value, elsewhere, contributions, float(freedom[0]), float(factor[0])
-    )
-
-
-def _elsewhere(error_map: VolumetricMap, found: VolumetricAccuracy, of_sources: float) -> float:
-    """Return what other places and directions add to what the sources do at the place found, m.
-
-    Where the sources do more there than the covariance of the map states, they do so everywhere.
-    """
+    # Where the sources do more here than the covariance of the map states, they do so everywhere.
+    of_sources = float(np.sqrt(np.nansum(contributions**2)))
     scale = max(of_sources / found.at_the_place, 1.0) if found.at_the_place > 0.0 else 1.0
-    whole = spread_of_longest(error_map, found.value, np.asarray(found.position), scale)
-    return float(np.sqrt(np.maximum(whole**2 - of_sources**2, 0.0)))
+    whole = spread_of_longest(error_map, found.value, place[0], scale)
+    elsewhere = float(np.sqrt(np.maximum(whole**2 - of_sources**2, 0.0)))
+    return LargestErrorBudget(
+        found.value, scale, elsewhere, contributions, float(freedom[0]), float(factor[0])
+    )
 
 
 def _of_quantities(weights: Vector, error_map: VolumetricMap, budget: Budget) -> Vector:

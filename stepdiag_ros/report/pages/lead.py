@@ -434,11 +434,10 @@ def _compensated(
         for one in (change.before, change.after)
     )
     reached = f"{after} µm"
-    own = 0.0 if material.accuracy is None else material.accuracy.standard_uncertainty
     wide = COVERAGE_FACTOR * made.remainder.largest_uncertainty
-    if own > 0.0 and math.isfinite(wide):
-        # In the same proportion as U of the largest error.
-        wide *= max(judged.expanded_uncertainty / (COVERAGE_FACTOR * own), 1.0)
+    if math.isfinite(wide):
+        largest = material.budget_of_largest_error
+        wide *= 1.0 if largest is None else largest.scale
         most = two_digits((change.after + wide) * IN_MICRO)
         known = ", as far as the uncertainty is known" if judged.lower_bound else ""
         more = "" if change.after + wide < change.before else ", which is more than now"
