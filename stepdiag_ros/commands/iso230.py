@@ -14,6 +14,7 @@ from stepdiag_ros.commands.standard_tests import (
     refuse_for_table,
     show,
 )
+from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.text.intake import refusals_of
 
 if TYPE_CHECKING:
@@ -123,6 +124,14 @@ def report_of(
     description = _description(uncertainty)
     figures = None if published is None else _published(published)
     if is_bag(source):
+        if axis:
+            raise Refusal(
+                f"{source}: --axis names the axis of a table, and a bag names its own axes. Leave"
+                " out --axis",
+                fault="mismatch",
+                about="--axis",
+                where=str(source),
+            )
         from stepdiag_ros.bags.run import load_run
         from stepdiag_ros.evaluation.recorded_run import require_standing_beam
 

@@ -234,6 +234,12 @@ def test_an_option_that_a_table_has_no_use_for_is_refused(capsys, tmp_path, comm
     assert not (tmp_path / "made").exists()
 
 
+def test_a_bag_names_its_axes_itself(capsys, tmp_path):
+    given = ("iso230", tmp_path / "run.mcap", "--axis", "X", "--output", tmp_path / "made")
+    code, out, err = stepdiag(capsys, *given)
+    assert (code, out) == (1, "") and "run.mcap: --axis " in err
+
+
 def test_the_examples_of_volumetric_accuracy(capsys, tmp_path):
     code, out, _ = stepdiag(capsys, "volumetric", "--output", tmp_path)
     assert code == 0
