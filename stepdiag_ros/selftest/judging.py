@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag_ros.metrology.geometry import AXES, BODY_DIAGONALS, ROTATIONS, TRANSLATIONS, Vector
+from stepdiag_ros.metrology.solvers.noise_factor import widening
 from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 from stepdiag_ros.selftest.problems import (
     ALIGNED,
@@ -223,6 +224,9 @@ def _by_chance(problem: Problem, method: str, result: VolumetricErrors) -> list[
     squares = float(np.sum((vectors[:, seen].T @ deviation) ** 2 / values[seen]))
     rank, freedom = int(np.count_nonzero(seen)), result.degrees_of_freedom
     estimated = freedom if problem.kind == UNKNOWN_NOISE else 0
+    if estimated:
+        # The covariance is widened for coverage; F is the law of the estimated one.
+        squares *= widening(freedom)
     checks = [chance_check(f"{method}: curves and uncertainty", squares, rank, estimated)]
     if np.isfinite(result.chi_squared) and freedom > 0:
         checks.append(chance_check(f"{method}: residuals", result.chi_squared, freedom))

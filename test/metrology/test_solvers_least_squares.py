@@ -6,11 +6,13 @@ from cells_for_tests import by_noise_alone, make_cell, make_plan
 from refused import refused
 
 from stepdiag_ros.metrology.geometry import TRANSLATIONS
+from stepdiag_ros.metrology.plausible import PLAUSIBLE_SHIFT, Plausible
 from stepdiag_ros.metrology.refusal import Refusal
 from stepdiag_ros.metrology.simulation import simulate
 from stepdiag_ros.metrology.solvers import solve
 from stepdiag_ros.metrology.solvers.design import Design
-from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance
+from stepdiag_ros.metrology.solvers.linear import noise_of
+from stepdiag_ros.metrology.solvers.noise_factor import exceeds_chance, widening
 from stepdiag_ros.metrology.solvers.observations import observe, unevenly_spaced
 from stepdiag_ros.metrology.solvers.positive import inverse_positive
 
@@ -191,6 +193,48 @@ def test_unknown_noise_is_estimated_from_the_residuals():
     nothing = solve(scaled_uncertainty(saturated, np.nan), "least_squares")
     assert np.all(np.isnan(nothing.standard_uncertainty["E_YX"][1:]))
     assert np.all(np.isfinite(nothing.curves["E_YX"]))
+
+
+@pytest.mark.parametrize("method", ["least_squares", "setup_robust"])
+@pytest.mark.parametrize(("runs", "least"), [(150, 0.93), (1000, 0.94)], ids=["few", "many"])
+def test_values_lie_inside_u_where_the_noise_is_estimated_from_three_degrees_of_freedom(
+    method, runs, least
+):
+    # A machine with all errors. One line is repeated: k = 1.96 for u itself holds 83 %.
+    plan, inside = make_plan(1, (0.06,) * 3, diagonals=("ppp", "npp", "pnp"), repeats=2), []
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        cell = make_cell(seed, noise=0.5e-6, rotation=1e-6, mirror=20e-6)
+        run = simulate(plan, cell, seed)
+        kept = [line for line in run.lines if not line.line.repeat or line.line.name == "ppp"]
+        scales = dict.fromkeys((line.setup for line in kept), 0.0)
+        scales = {setup: PLAUSIBLE_SHIFT * rng.standard_normal() for setup in scales}
+        lines = [
+            replace(
+                line,
+                displacement=line.displacement * (1.0 + scales[line.setup]),
+                standard_uncertainty=np.full(len(line.time), np.nan),
+            )
+            for line in kept
+        ]
+        run = replace(run, lines=tuple(lines), plausible=Plausible(rotation=1e-6))
+        result, truth = solve(run, method), cell.truth(plan.volume)
+        for name in TRANSLATIONS:
+            u = result.standard_uncertainty[name][1]
+            if u > 1e-12:
+                inside.append(abs(result.curves[name][1] - truth[name][1]) < 1.96 * u)
+    assert len(inside) == 6 * runs
+    assert np.mean(inside) > least
+
+
+def test_the_widening_is_that_of_student():
+    assert widening(np.inf) == 1.0
+    assert widening(3) == pytest.approx((3.182446 / 1.96) ** 2, rel=1e-6)
+    assert widening(1e9) == 1.0
+    assert np.isnan(widening(0))
+    observations = observe(scaled_uncertainty(measure(repeats=2), np.nan))
+    wide, plain = noise_of(observations)[0], noise_of(observations, widened=False)[0]
+    assert wide == pytest.approx(plain * np.sqrt(widening(observations.pure_error()[1])))
 
 
 def test_too_large_residuals_enlarge_the_uncertainties_and_say_so():

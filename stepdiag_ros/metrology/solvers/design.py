@@ -116,9 +116,9 @@ class Design:
                 f"'{chain}' is not a kinematic chain; use one of {', '.join(CHAINS)}",
                 fault="unknown",
             )
-        self.noise_estimated = float("nan")
+        self.noise_estimated, self._noise_freedom = float("nan"), float("inf")
         if observations.direct is not None and not observations.noise_known:
-            self.noise_estimated = _noise_without_direct(observations, chain)
+            self.noise_estimated, self._noise_freedom = _noise_without_direct(observations, chain)
             observations = replace(
                 observations,
                 uncertainty=np.full(len(observations.displacement), self.noise_estimated),
@@ -324,6 +324,14 @@ class Design:
         places: Integers = self._columns[: len(self.names)].T
         return places
 
+    def noise_freedom(self, left: int) -> float:
+        """Return the degrees of freedom of the readings' noise; infinite where it was stated.
+
+        Args:
+            left: by the fit that the noise is estimated from, where nothing was measured directly.
+        """
+        return self._noise_freedom if self.observations.noise_known else float(left)
+
     def fit(self, means: Vector | None = None) -> Fit:
         """Solve for the curves, tilts and zeros by the exact model.
 
@@ -506,12 +514,17 @@ class Design:
         return part
 
 
-def _noise_without_direct(observations: Observations, chain: str) -> float:
-    """Return the standard uncertainty of a reading that a fit to the readings alone leaves, m."""
+def _noise_without_direct(observations: Observations, chain: str) -> tuple[float, float]:
+    """Return the standard uncertainty of a reading that a fit to the readings alone leaves, m.
+
+    Returns:
+        the uncertainty and its degrees of freedom.
+    """
     alone = Design(replace(observations, direct=None), chain)
     if alone.degrees_of_freedom == 0:
         raise NotDeterminable(
             "the readings have no uncertainty, and no degree of freedom is left to estimate it, so"
             " that directly measured errors cannot be weighed against them: measure repeats"
         )
-    return max(float(np.sqrt(alone.fit().squares / alone.degrees_of_freedom)), _LEAST_NOISE)
+    noise = float(np.sqrt(alone.fit().squares / alone.degrees_of_freedom))
+    return max(noise, _LEAST_NOISE), float(alone.degrees_of_freedom)

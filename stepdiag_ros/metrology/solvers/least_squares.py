@@ -27,7 +27,7 @@ from stepdiag_ros.metrology.solvers.fit import Fit
 from stepdiag_ros.metrology.solvers.lengths import by_lengths
 from stepdiag_ros.metrology.solvers.method import Method
 from stepdiag_ros.metrology.solvers.monte_carlo import LeastSquaresEstimator
-from stepdiag_ros.metrology.solvers.noise_factor import noise_factor
+from stepdiag_ros.metrology.solvers.noise_factor import noise_factor, widening
 from stepdiag_ros.metrology.solvers.observations import Observations, observe
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.solvers.rotations import (
@@ -50,7 +50,8 @@ def solve_least_squares(measurement: Measurement) -> VolumetricErrors:
 
     What the lines do not determine is NaN and named; whatever follows from them all the same
     (squareness from four diagonals without linear lines, a straightness without its slope) is
-    given. Where readings come without uncertainty, their noise is estimated from the residuals.
+    given. Where readings come without uncertainty, their noise is estimated from the residuals, and
+    u is widened so that 1.96 u is the coverage interval of Student's distribution.
     Where the residuals are larger than the uncertainties explain (p < 0.01), the covariance is
     enlarged by χ²/dof.
 
@@ -101,7 +102,7 @@ def estimate_of(both: Turned) -> CurveEstimate:
     design = both.design
     scale = design.of_curves(both.by_lengths)
     covariance = design.curve_covariance()
-    covariance *= both.rotations.noise_factor
+    covariance *= both.rotations.covariance_factor
     covariance += scale @ scale.T
     unseen = design.curves_unseen()
     return with_rotations(both.fit.curves, covariance, unseen, both, both.change, predicted=True)
@@ -119,6 +120,7 @@ def solve_design(method: str, design: Design, plausible: Plausible) -> Volumetri
     fit = design.fit()
     freedom = design.degrees_of_freedom
     factor = noise_factor(fit.squares, freedom, observations.noise_known)
+    wide = factor * widening(design.noise_freedom(freedom))
     remarks = [*observations.rounding_remarks, *_noise_remarks(design, factor)]
     remarks += _direct_remarks(design)
     if design.unseen.shape[1] == 0 and design.tilt_setups:
@@ -128,7 +130,7 @@ def solve_design(method: str, design: Design, plausible: Plausible) -> Volumetri
     known = design.tilt_known.reshape(-1)
     estimate = CurveEstimate(
         fit.curves,
-        factor * design.curve_covariance() + scale @ scale.T,
+        wide * design.curve_covariance() + scale @ scale.T,
         design.curves_unseen(),
         design.names,
         design.arm,
@@ -142,7 +144,7 @@ def solve_design(method: str, design: Design, plausible: Plausible) -> Volumetri
         _tilt_figures(
             design,
             known * fit.tilts.reshape(-1),
-            (factor * design.tilt_covariance() + turn @ turn.T) * np.outer(known, known),
+            (wide * design.tilt_covariance() + turn @ turn.T) * np.outer(known, known),
         ),
         fit.squares if observations.noise_known and freedom > 0 else float("nan"),
         freedom,

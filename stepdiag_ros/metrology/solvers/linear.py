@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stepdiag_ros.metrology.geometry import FRAME, TRANSLATIONS, Vector
 from stepdiag_ros.metrology.measurement import Measurement
 from stepdiag_ros.metrology.solvers.lengths import length_readings
+from stepdiag_ros.metrology.solvers.noise_factor import widening
 from stepdiag_ros.metrology.solvers.observations import Observations
 from stepdiag_ros.metrology.solvers.result import Figure, VolumetricErrors
 from stepdiag_ros.metrology.solvers.rotations import (
@@ -44,10 +45,15 @@ _AT_ONCE = 1024
 """Readings whose columns are made at a time: the whole matrix grows with curves times readings."""
 
 
-def noise_of(observations: Observations) -> tuple[Vector, list[str]]:
+def noise_of(observations: Observations, widened: bool = True) -> tuple[Vector, list[str]]:
     """Return standard uncertainties of the readings (m, NaN if unknown) and remarks.
 
-    Unknown ones are estimated from repeated readings of the same setup at the same place.
+    Unknown ones are estimated from repeated readings of the same setup at the same place, and
+    widened so that 1.96 u is the coverage interval of Student's distribution.
+
+    Args:
+        observations: the readings.
+        widened: give uncertainties for coverage; if not, the standard deviation of the noise.
     """
     if observations.noise_known:
         return observations.uncertainty, observations.rounding_remarks
@@ -57,7 +63,8 @@ def noise_of(observations: Observations) -> tuple[Vector, list[str]]:
             "The readings have no uncertainty and no repeats: uncertainties are unknown."
         ]
     noise = float(np.sqrt(squares / freedom))
-    return np.full(len(observations.displacement), noise), [
+    factor = np.sqrt(widening(freedom)) if widened else 1.0
+    return np.full(len(observations.displacement), factor * noise), [
         f"The readings have no uncertainty: {noise * 1e6:.3g} µm was taken from their repeats "
         f"({freedom} degrees of freedom)."
     ]

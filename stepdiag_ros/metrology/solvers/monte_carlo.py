@@ -300,7 +300,7 @@ def replicate(
 
 
 def _known_noise(observations: Observations) -> Vector:
-    noise, remarks = noise_of(observations)
+    noise, remarks = noise_of(observations, widened=False)
     if not np.all(np.isfinite(noise)):
         raise Refusal(
             remarks[0] + " Measure repeats, or give the readings an uncertainty.",

@@ -27,7 +27,7 @@ from stepdiag_ros.metrology.solvers.design import Design
 from stepdiag_ros.metrology.solvers.direct_rows import told_rotations
 from stepdiag_ros.metrology.solvers.fit import Fit
 from stepdiag_ros.metrology.solvers.lengths import by_lengths
-from stepdiag_ros.metrology.solvers.noise_factor import noise_factor
+from stepdiag_ros.metrology.solvers.noise_factor import noise_factor, widening
 from stepdiag_ros.metrology.solvers.observations import Integers, Observations
 from stepdiag_ros.metrology.solvers.summary import CurveEstimate
 
@@ -58,6 +58,8 @@ class Rotations:
         second_moment: mean square and products of the factors themselves, rad², shape (k, k).
         noise_factor: χ² per degree of freedom of what no rotation explains, where it is more than
             chance, or the variance of a reading where that is not known; NaN: unknown.
+        covariance_factor: the factor on covariances of readings that are weighted as if that were
+            1: the noise factor, widened where the noise is estimated (``noise_factor.widening``).
         explained: what rotations of the sizes that are averaged over take from χ², in its units.
         gain: what χ², in units of the noise, loses by free rotations.
         seen: number of independent sums of the rotations that the readings show.
@@ -74,6 +76,7 @@ class Rotations:
     covariance: Vector
     second_moment: Vector
     noise_factor: float
+    covariance_factor: float
     explained: float
     gain: float
     seen: int
@@ -185,7 +188,7 @@ class Turned:
         known = self.design.tilt_known.reshape(-1)
         scale = self.design.of_tilts(self.by_lengths)
         covariance = (
-            self.rotations.noise_factor * self.design.tilt_covariance()
+            self.rotations.covariance_factor * self.design.tilt_covariance()
             + self.tilt_change @ self.rotations.covariance @ self.tilt_change.T
             + scale @ scale.T
         )
@@ -232,7 +235,7 @@ class Turned:
     def scatter(self) -> Vector:
         """Return what the readings' noise does to the curves by way of ``factors``, m²."""
         by_noise = self.change @ self.rotations.scatter
-        covariance: Vector = self.rotations.noise_factor * by_noise @ by_noise.T
+        covariance: Vector = self.rotations.covariance_factor * by_noise @ by_noise.T
         return covariance
 
 
@@ -411,6 +414,7 @@ def plausible_rotations(
         covariance=moment(mean[seen]),
         second_moment=moment(0.0),
         noise_factor=factor,
+        covariance_factor=factor * widening(design.noise_freedom(freedom)),
         explained=float(shrunk @ parts**2),
         gain=gain / unit,
         seen=count,

@@ -346,7 +346,7 @@ def _result(
         chi_squared=float("nan"),
         degrees_of_freedom=0,
         not_determined=tuple(not_determined),
-        remarks=(*remarks, *_remarks(volume, chain, noise)),
+        remarks=(*remarks, *_remarks(volume, chain, noise_of(observations, widened=False)[0])),
         covariance=covariance,
         frame=ANGULAR_FRAME,
     )

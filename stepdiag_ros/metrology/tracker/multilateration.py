@@ -19,7 +19,9 @@ Uncertainties are those of the lengths, and more where the residuals are larger 
 of the zero and a machine that does not come back to its places add to them. Such an excess is
 partly common to places that follow each other, and then the fewer independent readings it leaves
 make it count more than once; it is counted twice. The part of a length's uncertainty that grows
-with the length is taken as common to all readings, too, as an error of the wavelength is.
+with the length is taken as common to all readings, too, as an error of the wavelength is. Where the
+lengths come without uncertainty, that of the points is estimated from the residuals and widened so
+that 1.96 u is the coverage interval of Student's distribution.
 """
 
 from collections.abc import Sequence
@@ -29,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag_ros.metrology.geometry import Vector
+from stepdiag_ros.metrology.solvers.noise_factor import widening
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
 from stepdiag_ros.metrology.tracker.lengths import proportional_share
 
@@ -202,7 +205,7 @@ def multilaterate(
     own, coupling, inverse, _ = _eliminated(residual, unit, weight)
     chi_squared = float(np.sum(weight * residual**2))
     remarks = []
-    scale = 1.0
+    scale = wide = 1.0
     shared = 0.0
     if known:
         # A zero that wanders and a machine that does not come back show in the residuals.
@@ -216,6 +219,7 @@ def multilaterate(
             )
     else:
         scale = np.sqrt(chi_squared / freedom) if freedom else np.nan
+        wide = float(np.sqrt(widening(freedom)))
         remarks.append(
             f"The lengths have no uncertainty: {scale * 1e6:.3g} µm was taken from the residuals"
             f" ({freedom} degrees of freedom)."
@@ -237,8 +241,8 @@ def multilaterate(
         chi_squared=chi_squared if known else float("nan"),
         remarks=tuple(remarks),
         frame=POINT_FRAME,
-        _own=inverse * scale**2,
-        _common=np.hstack([scale * share @ _root_of_inverse(own), larger]),
+        _own=inverse * (wide * scale) ** 2,
+        _common=np.hstack([wide * scale * share @ _root_of_inverse(own), larger]),
     )
 
 

@@ -11,6 +11,7 @@ from stepdiag_ros.configuration import load_cell
 from stepdiag_ros.metrology.forward import ErrorCurves, rotation_matrices, tool_point
 from stepdiag_ros.metrology.geometry import CHAINS, CURVES
 from stepdiag_ros.metrology.refusal import Refusal
+from stepdiag_ros.metrology.solvers.noise_factor import widening
 from stepdiag_ros.metrology.solvers.result import NotDeterminable
 from stepdiag_ros.metrology.tracker.adjustment import PoorGeometry
 from stepdiag_ros.metrology.tracker.box import Box
@@ -87,8 +88,26 @@ def test_noise_is_taken_from_the_residuals_where_it_is_not_known():
     ratio = found.standard_uncertainty / known.standard_uncertainty
     excess = max(known.chi_squared / known.degrees_of_freedom - 1.0, 0.0)
     widened = NOISE * np.sqrt(1.0 + 2.0 * excess)
-    np.testing.assert_allclose(ratio, np.nanmean(found.uncertainty) / widened, rtol=1e-6)
+    student = np.sqrt(widening(found.degrees_of_freedom))
+    assert student > 1.0
+    np.testing.assert_allclose(ratio, student * np.nanmean(found.uncertainty) / widened, rtol=1e-6)
     assert any("residuals" in text for text in found.remarks)
+
+
+def test_points_lie_inside_u_where_the_noise_is_estimated_from_two_degrees_of_freedom():
+    # k = 1.96 for u itself holds 80 %.
+    points = np.array(list(product((0.0, 0.5), repeat=3)))
+    stations = np.array(
+        [[-0.3, 0.2, 0.1], [0.8, -0.2, 0.3], [0.2, 0.9, -0.2], [0.3, 0.2, 1.1], [-0.2, -0.3, 0.7]]
+    )
+    lengths = np.linalg.norm(points[:, None] - stations, axis=2)
+    inside = []
+    for seed in range(200):
+        read = lengths - lengths[0] + NOISE * np.random.default_rng(seed).normal(size=lengths.shape)
+        found = multilaterate(points, read, np.nan, stations, lengths[0])
+        assert found.degrees_of_freedom == 2
+        inside.append(np.abs(found.displacement) < 1.96 * found.standard_uncertainty)
+    assert np.mean(inside) > 0.91
 
 
 def test_bands_of_curves_hold_where_zero_and_air_differ_from_row_to_row():
