@@ -82,9 +82,8 @@ def _of_largest_error(material: Material) -> list[str]:
     )
     return [
         "The largest error is a sum of curve values at one place. A source changes them together,"
-        " so that its effects partly cancel: U of the sum may be smaller than U of a curve. The"
-        " true largest error may be at another place or point another way: this is a contribution"
-        " of its own. The"
+        " so that its effects partly cancel. That the true one may be elsewhere or point another"
+        " way is a contribution of its own. The"
         f" first page shows the larger of this U, {of_budget} µm, and U of the readings,"
         f" {of_readings} µm."
     ]
