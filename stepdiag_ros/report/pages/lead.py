@@ -362,7 +362,8 @@ def _plausible_size(material: Material) -> str:
     largest = material.budget_of_largest_error
     if material.budget is not None and largest is not None:
         turning = [one.group == ANGULAR for one in material.budget.budget.sources]
-        if 2.0 * np.nansum(largest.contributions[turning] ** 2) > largest.standard_uncertainty**2:
+        parts = largest.contributions**2
+        if 2.0 * np.nansum(parts[turning]) > np.nansum(parts):
             most = " Most of the U of the largest error comes from it."
     shown, larger = _shown_size(material), ""
     if math.isfinite(shown):
