@@ -82,6 +82,10 @@ class _OpenLine:
     moved: Moved | None = None
 
 
+MOST_IN_FLIGHT = 500_000
+"""Readings of a line on the fly that are kept, so that memory is bounded: 8 minutes at 1 kHz."""
+
+
 @dataclass
 class _OpenStop:
     """A stop that the machine has reached and that is not decided yet."""
@@ -245,6 +249,12 @@ class Assembler:
             self._losses[:2] = [(first, last, first_status)]
 
     def _drop(self, keep: int) -> None:
+        """Keep so many of the latest readings, and those of a line on the fly that is open."""
+        if self._flight is not None and self._line is not None and not self._line.stops:
+            of_line = len(self._times) - bisect_left(self._times, self._line.since)
+            keep = min(max(keep, of_line), MOST_IN_FLIGHT)
+        if keep >= len(self._times):
+            return
         self._dropped_until = self._times[-keep - 1]
         del self._times[:-keep]
         del self._readings[:-keep]
@@ -288,6 +298,9 @@ class Assembler:
 
     def _fly(self, stop: _OpenStop, flight: Flight, events: list[Event]) -> bool:
         """Pass a corner, or decide the line at its last stop; say whether that could be done."""
+        if self._latest < stop.arrival.time:
+            # Whether the zero was lost before is not known yet.
+            return False
         line = self._line_of(stop)
         last = len(line.targets) - 1
         if stop.command.stop < last:

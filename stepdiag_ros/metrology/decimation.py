@@ -93,6 +93,8 @@ class Decimator:
         self._blocks: deque[SampleBlock] = deque()
         # Numbers of samples that have another zero than the one before them.
         self._new_zeros: deque[int] = deque()
+        # The zero is another one since a gap, and no reading has reported it yet.
+        self._lost_in_gap = False
 
     def add(self, block: SampleBlock) -> list[Reading]:
         """Take the next block; return the readings for which all samples are there now, in order.
@@ -102,6 +104,7 @@ class Decimator:
         """
         last = self._blocks[-1] if self._blocks else None
         if last is None or block.sequence != last.end:
+            self._lost_in_gap |= last is not None and block.zero != last.zero
             self._begin_at(block.sequence)
         elif block.zero != last.zero:
             self._new_zeros.append(block.sequence)
@@ -113,6 +116,13 @@ class Decimator:
         first = -(-(self._first + self.half) // self.factor)
         last_number = (block.end - 1 - self.half) // self.factor
         readings = [self._reading(number) for number in range(first, last_number + 1)]
+        if readings and self._lost_in_gap:
+            self._lost_in_gap = False
+            readings[0] = readings[0]._replace(
+                raw_displacement=nan,
+                compensated_displacement=nan,
+                status=max(readings[0].status, ZERO_LOST),
+            )
         if readings:
             self._forget((last_number + 1) * self.factor - self.half)
         return readings

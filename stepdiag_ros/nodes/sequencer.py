@@ -60,7 +60,7 @@ STOP_LIMIT = 2.0
 REQUIRED = ("interferometer", "cnc_bridge", "assembler", "solver", "recorder")
 """Roles without which no run starts, and whose loss stops one. Each says in its heartbeat that it
 has taken up the run, before the first move is commanded: it would ignore one before that."""
-IRREPLACEABLE = ("cnc_bridge", "interferometer")
+IRREPLACEABLE = ("cnc_bridge", "interferometer", "assembler")
 """Roles whose node must be the same process all the time: what it knew of run or zero is lost."""
 WELCOME = ("clock", "weather")
 """Roles that a run can do without, but not lose once their node is there."""

@@ -155,6 +155,19 @@ def test_a_new_zero_is_not_mixed_with_the_old_one():
             assert (reading.raw_displacement, reading.status) == (float(middle >= 2000), 0)
 
 
+def test_a_new_zero_that_begins_in_a_gap_is_reported_by_the_first_reading_after_it():
+    blocks = [
+        block(np.zeros(2000)),
+        block(np.ones(2000), sequence=2001, zero=2),
+        block(np.ones(2000), sequence=4002, zero=2),
+    ]
+    made = readings_of(blocks, 10)
+    first, *others = (reading for reading in made if reading.sequence * 10 > 2000)
+    assert math.isnan(first.raw_displacement) and math.isnan(first.compensated_displacement)
+    assert first.status == 2
+    assert {(reading.raw_displacement, reading.status) for reading in others} == {(1.0, 0)}
+
+
 def test_an_instrument_that_counts_anew_begins_anew():
     factor = 10
     late = block(np.zeros(1000), sequence=5000)

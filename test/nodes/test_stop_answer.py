@@ -15,6 +15,7 @@ from stepdiag_ros.nodes import sequencer
 from stepdiag_ros.nodes.links import message_class, quality
 from stepdiag_ros.nodes.sequencer import SequencerNode
 from stepdiag_ros.run.sequence import Command, Purpose, Sequence, State
+from stepdiag_ros.run.supervision import Peer
 
 REFUSAL = "the controller has failed: use the emergency stop"
 
@@ -154,3 +155,12 @@ def test_nor_once_a_run_that_was_resumed_has_ended(rig, monkeypatch):
 def test_a_bridge_that_is_not_there_is_told_of(rig):
     rig.node.abort()
     assert "does not offer its stop service" in rig.said("does not offer its stop service")
+
+
+def test_a_restarted_assembler_holds_the_run(rig):
+    node, real = rig.node, rig.node.real_time()
+    node._sessions = {"first"}
+    node.on_heartbeat(Peer("assembler", real, "first", node.run_id))
+    assert node._sequence.state is not State.FAULT
+    node.on_heartbeat(Peer("assembler", real, "second", node.run_id))
+    assert node._sequence.state is State.FAULT and "assembler" in node._sequence.text

@@ -71,6 +71,34 @@ def streams():
     return Streams()
 
 
+@pytest.mark.parametrize("idle", [0, 300, 700])
+def test_a_long_line_keeps_its_readings_however_long_was_waited_before(streams, idle):
+    """The buffer holds a small part of the line; where it drops depends on what came before."""
+    assembler = Assembler(PLAN, START, buffer=500)
+    first = streams.readings[0]
+    for number in range(-idle, 0):
+        time = first.time + number * 1_000_000
+        assembler.add_reading(first._replace(time=time, sequence=first.sequence + number))
+    # What the machine says comes some readings after its time.
+    told = [
+        *((one.time, assembler.add_command, (one,)) for one in streams.commands),
+        *((one.time, assembler.add_arrival, (one,)) for one in streams.arrivals),
+        *((time, assembler.add_position, (time, place)) for time, place in streams.positions),
+    ]
+    told = sorted((time + 50_000_000, number, *rest) for number, (time, *rest) in enumerate(told))
+    events = []
+    for reading in streams.readings:
+        while told and told[0][0] <= reading.time:
+            _, _, add, what = told.pop(0)
+            events += add(*what)
+        events += assembler.add_reading(reading)
+    for _, _, add, what in told:
+        events += add(*what)
+    (line,) = (event for event in events if isinstance(event, MeasuredLine))
+    assert line.complete
+    assert repr(events) == repr(streams.assembled())
+
+
 def test_a_line_on_the_fly_is_made_of_the_same_data(streams):
     events = streams.assembled()
     stops = [event for event in events if isinstance(event, SettledStop)]
