@@ -217,12 +217,9 @@ class VolumetricMap(CurveSet):
         Args:
             positions: machine coordinates, m, shape (n, 3).
         """
-        weights, unknown = self.sensitivities(positions)
-        size = weights.shape[-1]
-        if self.covariance.shape != (size, size):
+        weights, covariance, unknown = self._covariances(positions)
+        if not covariance.size:
             return np.full((len(weights), 3, 3), nan)
-        covariance = np.where(np.isfinite(self.covariance), self.covariance, 0.0)
-        missing = ~np.isfinite(np.diag(self.covariance))
         made: Vector = np.einsum("nij,jk,nlk->nil", weights, covariance, weights, optimize=True)
         if self.left_out:
             made = made + self._of_left_out(positions, weights)
@@ -230,8 +227,21 @@ class VolumetricMap(CurveSet):
             made = made + self._of_learned(positions)
         spot = np.arange(3)
         made[:, spot, spot] = np.maximum(made[:, spot, spot], 0.0)
-        made[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
+        made[unknown] = nan
         return made
+
+    def _covariances(self, positions: Vector) -> tuple[Vector, Vector, NDArray[np.bool_]]:
+        """Return sensitivities, covariance of the curves, and where the error's is not known.
+
+        Returns:
+            as ``sensitivities``; zero where not known, empty if there is none; shape (n,).
+        """
+        weights, unknown = self.sensitivities(positions)
+        if self.covariance.shape != (weights.shape[-1],) * 2:
+            return weights, np.empty((0, 0)), unknown
+        known = np.isfinite(self.covariance)
+        acts = weights[..., ~np.diag(known)] != 0.0
+        return weights, np.where(known, self.covariance, 0.0), unknown | np.any(acts, axis=(1, 2))
 
     def factors_at(self, positions: Vector) -> Vector:
         """Return what causes of standard deviation 1 do to the error vectors at places, m.
@@ -247,13 +257,10 @@ class VolumetricMap(CurveSet):
         Returns:
             shape (n, 3, causes); NaN where ``covariance_at`` is.
         """
-        weights, unknown = self.sensitivities(positions)
-        size = weights.shape[-1]
-        if self.covariance.shape != (size, size):
+        weights, covariance, unknown = self._covariances(positions)
+        if not covariance.size:
             return np.full((len(weights), 3, 1), nan)
-        covariance = np.where(np.isfinite(self.covariance), self.covariance, 0.0)
-        missing = ~np.isfinite(np.diag(self.covariance))
-        parts = []
+        size, parts = len(covariance), []
         if self.left_out and self._left_out_known():
             curves, rotations = self.turned_factor[:size], self.turned_factor[size:]
             covariance = covariance - curves @ curves.T
@@ -266,7 +273,7 @@ class VolumetricMap(CurveSet):
         if self.learned:
             parts.append(self._learned_moves(positions) @ _root(self.learned_covariance))
         factors: Vector = np.concatenate(parts, axis=2)
-        factors[unknown | np.any(weights[..., missing] != 0.0, axis=(1, 2))] = nan
+        factors[unknown] = nan
         return factors
 
     def _plausible_turns(self, positions: Vector, chain: str) -> Vector:
