@@ -207,3 +207,18 @@ def test_errors_that_no_machine_has_are_refused():
     steep["E_XX"] = np.array([0.0, 0.3, 0.0, 0.3, 0.0])
     with refused(Refusal, "failed"):
         target_for(VolumetricMap(NODES, steep), np.array([[0.23, 0.0, -0.2]]))
+
+
+@pytest.mark.parametrize(("recorded", "share"), [(True, 0.05), (False, 1e-6)])
+def test_the_factors_of_places_make_their_covariance(recorded, share):
+    """A recorded result has plausible rotations: drawn by the modes of most of their variance."""
+    measured = simulate(make_plan(6, repeats=2), make_cell())
+    solved = VolumetricMap.of_result(solve_least_squares(measured), "YXZ")
+    if recorded:
+        solved = replace(solved, turned_factor=np.empty((0, 0)))
+    where = solved.grid()
+    factors = solved.factors_at(where)
+    made = np.einsum("nik,njk->nij", factors, factors)
+    expected = solved.covariance_at(where)
+    assert np.max(np.abs(made - expected)) < share * np.max(np.abs(expected))
+    assert np.max(np.trace(made, axis1=1, axis2=2)) > 1e-14
