@@ -234,7 +234,7 @@ class VolumetricMap(CurveSet):
         """Return sensitivities, covariance of the curves, and where the error's is not known.
 
         Returns:
-            as ``sensitivities``; zero where not known, empty if there is none; shape (n,).
+            as ``sensitivities``; zero where not known, empty without a covariance; shape (n,).
         """
         weights, unknown = self.sensitivities(positions)
         if self.covariance.shape != (weights.shape[-1],) * 2:
