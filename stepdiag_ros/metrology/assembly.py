@@ -45,6 +45,8 @@ FIRST_STATUS_THAT_LOSES_ZERO = 2
 _NOT_SETTLED = "not settled within"
 _NEVER = 2**63
 _MOST_LOSSES = 1000
+_MOST_IN_FLIGHT = 500_000
+"""Readings of a line on the fly that are kept, so that memory is bounded: 8 minutes at 1 kHz."""
 
 
 def repetition_helps(reason: str) -> bool:
@@ -80,10 +82,6 @@ class _OpenLine:
     stops: dict[int, SettledStop] = field(default_factory=dict)
     void: set[int] = field(default_factory=set)
     moved: Moved | None = None
-
-
-MOST_IN_FLIGHT = 500_000
-"""Readings of a line on the fly that are kept, so that memory is bounded: 8 minutes at 1 kHz."""
 
 
 @dataclass
@@ -252,7 +250,7 @@ class Assembler:
         """Keep so many of the latest readings, and those of a line on the fly that is open."""
         if self._flight is not None and self._line is not None and not self._line.stops:
             of_line = len(self._times) - bisect_left(self._times, self._line.since)
-            keep = min(max(keep, of_line), MOST_IN_FLIGHT)
+            keep = min(max(keep, of_line), _MOST_IN_FLIGHT)
         if keep >= len(self._times):
             return
         self._dropped_until = self._times[-keep - 1]
