@@ -5,7 +5,4 @@ DEFINITION = (
     " position anywhere in the measured volume (RL), in the frame of the error curves; zero at the"
     " first corner. Reversal and repeatability are not in it."
 )
-NO_ERROR_ABOVE = (
-    "No error above: value + U (95 %) at the place where that is largest, which may be another one,"
-    " known less well."
-)
+NO_ERROR_ABOVE = "No error in the volume is larger than value + U (95 %)."

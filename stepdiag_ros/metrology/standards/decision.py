@@ -30,7 +30,7 @@ class RunDecision:
         expanded_uncertainty: of it (95 %), m; NaN if unknown.
         coverage_factor: of this uncertainty.
         budgeted: it is no smaller than U by the uncertainty budget.
-        upper_bound: error plus uncertainty where this sum is largest, m; NaN if unknown.
+        upper_bound: no error in the volume is larger (95 %), m; NaN if unknown.
         worst_place: machine coordinates of the place, m.
         tolerance: m; NaN if none was agreed.
         method: that determined the errors; empty if none did.

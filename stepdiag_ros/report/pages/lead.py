@@ -262,7 +262,7 @@ def _judged(judged: ToleranceJudgement) -> list[str]:
             " acts."
         ]
     reason = {
-        KEEPS: f"At every place, the error plus its uncertainty is within {limit} (ISO 14253-1).",
+        KEEPS: f"The largest error plus its uncertainty is within {limit} (ISO 14253-1).",
         EXCEEDS: f"The largest error minus its uncertainty is beyond {limit} (ISO 14253-1).",
         OPEN: f"The largest error or its uncertainty does not allow a decision at {limit}"
         " (ISO 14253-1).",
@@ -442,7 +442,7 @@ def _compensated(
         most = two_digits((change.after + wide) * IN_MICRO)
         known = ", as far as the uncertainty is known" if judged.lower_bound else ""
         more = "" if change.after + wide < change.before else ", which is more than now"
-        reached += f"; by U where it is largest, up to {most} µm may remain (95 %{known}){more}"
+        reached += f"; up to {most} µm may remain somewhere in the volume (95 %{known}){more}"
     return [
         f"compensation ({made.control.title}) could bring the largest error in the volume, with"
         f" reversal, from {before} µm to {reached}. Measure again after it."

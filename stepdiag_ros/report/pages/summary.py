@@ -38,7 +38,7 @@ DECISIONS = {
     NOT_ASKED: "none: no limit was agreed",
 }
 DECISION_RULE = (
-    "ISO 14253-1: conforms if error + U is within the limit at every place, does not if the largest"
+    "ISO 14253-1: conforms if the largest error + U is within the limit, does not if the largest"
     " error - U is beyond it"
 )
 TITLE_OF_ERRORS = "Errors over the travel, peak to peak (ISO 230-1)"

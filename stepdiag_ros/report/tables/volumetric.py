@@ -101,9 +101,9 @@ def print_volumetric(report: VolumetricReport, console: PlainConsole) -> None:
         console.sentence(f"Frame of {', '.join(methods)}: {frame}.")
     if report.accuracies:
         console.sentence(
-            f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the length at that place, of"
-            " the readings, of plausible rotations and of the laser's scale; stepdiag report"
-            " has U of the uncertainty budget instead where that is larger."
+            f"±: {COVERAGE_FACTOR:g} standard uncertainties (95 %) of the largest error, wherever"
+            " it is: from the readings, plausible rotations and the laser's scale. stepdiag report"
+            " states U of the uncertainty budget instead where that is larger."
         )
         console.sentence(NO_ERROR_ABOVE)
     else:

@@ -33,9 +33,9 @@ def _tell(material: Material) -> SectionContent | str:
         return "The errors in the volume are unknown: the lines are not enough for any method."
     said = [
         DEFINITION,
-        f"± (95 %) at that place: in the table {COVERAGE_FACTOR:g} standard uncertainties of the"
-        " readings, plausible rotations and the laser's scale; above it, as on the first page, the"
-        " larger of that and of all"
+        "± (95 %) of the largest error, wherever it is: in the table"
+        f" {COVERAGE_FACTOR:g} standard uncertainties from the readings, plausible rotations and"
+        " the laser's scale; above it, as on the first page, the larger of that and of U from all"
         f" sources that the budget knows{', so at least that' if material.lower_bound else ''}.",
         NO_ERROR_ABOVE,
     ]
