@@ -185,6 +185,37 @@ class MessageTypes:
         """
         return self.encode(type_name, self.decode(type_name, cdr))
 
+    def differs(self, type_name: str) -> bool:
+        """Say whether the present definition of the type differs, for example by added fields."""
+        own = own_types()
+        known = type_name in self and type_name in own
+        return known and self.type_hash(type_name) != own.type_hash(type_name)
+
+    def converted(self, type_name: str, cdr: bytes, other: "MessageTypes") -> bytes:
+        """Return a message of another set of definitions as a message of this set.
+
+        Fields that this set lacks are left out; those that only this set has are zero or empty.
+
+        Raises:
+            BagError: the bytes are not such a message.
+        """
+        return self.encode(type_name, self._merged(type_name, other.decode(type_name, cdr)))
+
+    def _merged(self, type_name: str, message: Any) -> Any:
+        merged = self.new(type_name)
+        for name, kind in self._store.fielddefs[type_name][1]:
+            if hasattr(message, name):
+                setattr(merged, name, self._merged_value(kind, getattr(message, name)))
+        return merged
+
+    def _merged_value(self, kind: Any, value: Any) -> Any:
+        node, content = kind
+        if node == Nodetype.NAME:
+            return self._merged(content, value)
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) and content[0][0] == Nodetype.NAME:
+            return [self._merged(content[0][1], one) for one in value]
+        return value
+
     def new(self, type_name: str) -> Any:
         """Return an object with the message's attributes, all zero or empty, to be filled."""
         self._require(type_name)

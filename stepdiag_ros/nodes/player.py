@@ -7,8 +7,9 @@ import rclpy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from stepdiag_ros import topics
-from stepdiag_ros.bags.bag import Bag
+from stepdiag_ros.bags.bag import Bag, RecordedMessage
 from stepdiag_ros.bags.runs import FoundRun, records_of
+from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.nodes.base import StepdiagNode
 from stepdiag_ros.nodes.links import Outlet
 from stepdiag_ros.run.pacing import Pace
@@ -58,6 +59,9 @@ def difference(recorded: list[bytes], heard: list[bytes]) -> str:
 class PlayerNode(StepdiagNode):
     """Publishes a bag's messages byte for byte, in order and at a rate.
 
+    A message of an earlier definition, without fields that were added later, is converted to the
+    present one.
+
     Args:
         bag: that holds the run.
         run: which.
@@ -77,7 +81,8 @@ class PlayerNode(StepdiagNode):
         self._derived: dict[str, Topic] = {}
         self._heard: dict[str, list[bytes]] = {}
         self._last_heard = 0.0
-        self._clock_publisher = self.announce(topics.CLOCK)
+        self._played: dict[str, Topic] = {}
+        self._differing = frozenset(filter(bag.types.differs, bag.topics.values()))
         for name, type_name in bag.topics.items():
             found = topics.topic_of(name)
             if found is None or found[0] in NEVER_REPLAYED:
@@ -90,11 +95,17 @@ class PlayerNode(StepdiagNode):
             if found[0].derived and not ((derived or late) and found[0] is topics.LINE):
                 self._derived[name] = topic
                 continue
+            self._played[name] = topic
+
+    def open(self) -> None:
+        """Announce what will be published: a bridge stops a machine beside such a publisher."""
+        self._clock_publisher = self.announce(topics.CLOCK)
+        for name, topic in self._played.items():
             # Keep all: a hurried replay waits for a slow subscriber instead of losing messages.
             self._outlets[name] = self.announce(topic, keep_all=True)
 
     def refuse_company(self, roles: Sequence[str]) -> None:
-        """Refuse to compare while other nodes of these roles would answer as well.
+        """Refuse to go on while other nodes of these roles would answer as well.
 
         Raises:
             ValueError: there is one.
@@ -132,8 +143,10 @@ class PlayerNode(StepdiagNode):
                 continue
             self._heard[name] = []
 
-            def hear(data: bytes, kept: list[bytes] = self._heard[name]) -> None:
-                kept.append(data)
+            def hear(data: bytes, name: str = name, type_name: str = topic.type_name) -> None:
+                if type_name in self._differing:
+                    data = self._bag.types.converted(type_name, data, own_types())
+                self._heard[name].append(data)
                 self._last_heard = self.real_time()
 
             self.listen(topic, hear, keep_all=True, raw=True)
@@ -156,7 +169,7 @@ class PlayerNode(StepdiagNode):
             if real - last_tick >= TICK:
                 self._tick(record.log_time)
                 last_tick = real
-            self._outlets[record.topic].publish(record.data)
+            self._outlets[record.topic].publish(self._present(record))
             count += 1
             if real - last_progress > 0.1:
                 progress(pace.part(record.log_time, end))
@@ -191,6 +204,12 @@ class PlayerNode(StepdiagNode):
                 if recorded[name] != heard[name]
             },
         )
+
+    def _present(self, record: RecordedMessage) -> bytes:
+        """Return a recorded message in the present definition of its type."""
+        if record.type_name not in self._differing:
+            return record.data
+        return own_types().converted(record.type_name, record.data, self._bag.types)
 
     def _recorded(self) -> dict[str, list[bytes]]:
         """Return the recorded messages to compare with, by topic."""

@@ -81,6 +81,7 @@ def replay(
         stack.enter_context(in_graph())
         player = PlayerNode(bag, run, derived=not assembled, late=late)
         player.refuse_company(LIVE)
+        player.open()
         if check:
             logs = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             parameters["solver"] |= _judged_by(bag, run)

@@ -133,3 +133,27 @@ def test_bytes_of_another_type_are_refused():
     state = types.encode("stepdiag_ros/msg/RunState", types.new("stepdiag_ros/msg/RunState"))
     with refused(BagError, "malformed", "stepdiag_ros/msg/MeasuredLine"):
         types.decode("stepdiag_ros/msg/MeasuredLine", state)
+
+
+@pytest.mark.parametrize(
+    "name, field, empty",
+    [
+        ("SettledStop", "float64[3] mirror_offset", [0.0, 0.0, 0.0]),
+        ("RunState", "TargetStanding[] standing", []),
+    ],
+)
+def test_a_message_of_an_earlier_definition_becomes_one_of_today_and_back(name, field, empty):
+    own, kind = own_types(), f"stepdiag_ros/msg/{name}"
+    lines = own.schema(kind).split("\n")
+    earlier = types_from_schemas(
+        {kind: "\n".join(line for line in lines if not line.startswith(field))}
+    )
+    assert earlier.differs(kind) and not own.differs(kind)
+    message = earlier.new(kind)
+    message.run_id, message.header.stamp.sec = "a run", 7
+    recorded = earlier.encode(kind, message)
+    today = own.converted(kind, recorded, earlier)
+    found = own.decode(kind, today)
+    assert (found.run_id, found.header.stamp.sec) == ("a run", 7)
+    assert list(getattr(found, field.split()[-1])) == empty
+    assert earlier.converted(kind, today, own) == recorded

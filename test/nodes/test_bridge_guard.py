@@ -212,8 +212,16 @@ def test_no_replay_begins_beside_a_live_bridge(bench):
     cell = ready(bench())
     command = [sys.executable, "-m", "stepdiag_ros.cli", "replay", str(BAG)]
     replay = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    cell.until(lambda: replay.poll() is not None)
-    assert replay.returncode == 1
+    commanding = set()
+    name = topics.absolute(topics.MACHINE_COMMAND)
+
+    def ended():
+        commanding.add(cell.node.count_publishers(name))
+        return replay.poll() is not None
+
+    cell.until(ended)
+    # A second publisher of commands would stop the machine, although nothing is replayed.
+    assert replay.returncode == 1 and commanding == {1}
     assert "a cnc_bridge node runs already: end it" in replay.stderr.read()
 
 

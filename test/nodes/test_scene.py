@@ -12,6 +12,7 @@ from refused import refused
 
 import stepdiag_ros.client  # noqa: F401 - makes rclpy importable
 from stepdiag_ros import topics
+from stepdiag_ros.bags.types import own_types
 from stepdiag_ros.configuration import load_cell, load_machine, plan_from_text
 from stepdiag_ros.messages import conversion
 from stepdiag_ros.messages.fields import set_header
@@ -217,10 +218,12 @@ def test_a_replay_leaves_frames_pictures_and_time_to_live_nodes():
     from stepdiag_ros.nodes.player import PlayerNode
 
     kept = (topics.RUN_STATE, topics.FRAMES, topics.FIXED_FRAMES, topics.ERROR_MARKERS)
-    bag = SimpleNamespace(topics={topics.absolute(one): one.type_name for one in kept})
+    recorded = {topics.absolute(one): one.type_name for one in kept}
+    bag = SimpleNamespace(topics=recorded, types=own_types())
     rclpy.init(args=[])
     try:
         player = PlayerNode(bag, SimpleNamespace(namespace="/"), derived=False, late=False)
+        player.open()
         # /clock is the player's own.
         played = {
             name for name, _ in player.get_publisher_names_and_types_by_node("stepdiag_player", "/")
