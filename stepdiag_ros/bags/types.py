@@ -199,22 +199,8 @@ class MessageTypes:
         Raises:
             BagError: the bytes are not such a message.
         """
-        return self.encode(type_name, self._merged(type_name, other.decode(type_name, cdr)))
-
-    def _merged(self, type_name: str, message: Any) -> Any:
-        merged = self.new(type_name)
-        for name, kind in self._store.fielddefs[type_name][1]:
-            if hasattr(message, name):
-                setattr(merged, name, self._merged_value(kind, getattr(message, name)))
-        return merged
-
-    def _merged_value(self, kind: Any, value: Any) -> Any:
-        node, content = kind
-        if node == Nodetype.NAME:
-            return self._merged(content, value)
-        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) and content[0][0] == Nodetype.NAME:
-            return [self._merged(content[0][1], one) for one in value]
-        return value
+        message = self._filled(type_name, other.decode(type_name, cdr), complete=False)
+        return bytes(self._store.serialize_cdr(message, type_name, little_endian=True))
 
     def new(self, type_name: str) -> Any:
         """Return an object with the message's attributes, all zero or empty, to be filled."""
@@ -294,14 +280,18 @@ class MessageTypes:
             return [self._empty(content[0]) for _ in range(content[1])]
         return []
 
-    def _filled(self, type_name: str, message: Any) -> Any:
+    def _filled(self, type_name: str, message: Any, complete: bool = True) -> Any:
+        """Return a message to write; where it need not be complete, missing fields are empty."""
         values = {}
         for name, kind in self._store.fielddefs[type_name][1]:
             if name == _DUMMY:
                 values[name] = 0
                 continue
+            if not complete and not hasattr(message, name):
+                values[name] = self._value(kind, self._empty(kind))
+                continue
             try:
-                values[name] = self._value(kind, getattr(message, name))
+                values[name] = self._value(kind, getattr(message, name), complete)
             except AttributeError:
                 raise BagError(
                     f"{type_name}: the message has no field '{name}'", fault="unknown"
@@ -312,17 +302,17 @@ class MessageTypes:
                 ) from None
         return self._store.types[type_name](**values)
 
-    def _value(self, kind: Any, value: Any) -> Any:
+    def _value(self, kind: Any, value: Any, complete: bool = True) -> Any:
         node, content = kind
         if node == Nodetype.NAME:
-            return self._filled(content, value)
+            return self._filled(content, value, complete)
         if node == Nodetype.BASE:
             return _primitive(content[0], value)
         (inner_node, inner), size = content
         if node == Nodetype.ARRAY and len(value) != size:
             raise ValueError(f"{len(value)} values instead of {size}")
         if inner_node == Nodetype.NAME or inner[0] == "string":
-            return [self._value((inner_node, inner), item) for item in value]
+            return [self._value((inner_node, inner), item, complete) for item in value]
         # rosbags writes an array's bytes as they lie in memory, whatever their type: convert here.
         given = np.asarray(value)
         array = given.astype(DTYPES.get(inner[0], inner[0]))
