@@ -12,7 +12,7 @@ from results_by_hand import BLOCKS, make_report, make_result, true_rotations, wi
 
 from stepdiag_ros.configuration import load_cell, load_plan
 from stepdiag_ros.evaluation import lead as leads
-from stepdiag_ros.evaluation.budget import with_budget
+from stepdiag_ros.evaluation.budget import NOTHING_STATED, budget_of, with_budget
 from stepdiag_ros.evaluation.build import build_report
 from stepdiag_ros.evaluation.lead import lead_of
 from stepdiag_ros.evaluation.single_errors import expanded_of_curve, single_errors, with_ranges
@@ -27,7 +27,7 @@ from stepdiag_ros.metrology.solvers.result import Figure
 from stepdiag_ros.metrology.standards.volumetric import of_result
 from stepdiag_ros.metrology.uncertainty.budget import make_budget
 from stepdiag_ros.metrology.uncertainty.coverage import COVERAGE_FACTOR, Expanded
-from stepdiag_ros.metrology.uncertainty.instrument import Instrument
+from stepdiag_ros.metrology.uncertainty.instrument import Instrument, Spread
 from stepdiag_ros.metrology.uncertainty.largest_error import budget_of_largest_error
 from stepdiag_ros.plots.files.run import draw_all
 from stepdiag_ros.report.documents.lead import lead_document
@@ -409,7 +409,14 @@ def test_with_a_budget_the_larger_u_counts_and_what_nobody_stated_is_said():
     assert lead.expanded_uncertainty == by_budget.expanded.value > narrow.expanded_uncertainty
     assert lead.expanded_uncertainty_of_readings == narrow.expanded_uncertainty
     assert lead.budgeted and lead.lower_bound
-    assert tuple(lead.errors) != tuple(narrow.errors)
+    unsure = replace(NOTHING_STATED, wavelength=Spread(1e-4))
+    wide = lead_of(replace(bare, budget=budget_of(bare, unsure)))
+    for one, other, wider in zip(narrow.errors, lead.errors, wide.errors, strict=True):
+        assert one.name == other.name == wider.name
+        assert one.expanded_uncertainty <= other.expanded_uncertainty
+        # Where the laser's scale is unsure by 100 µm/m, positioning is too.
+        if one.name in ("E_XX", "E_YY", "E_ZZ"):
+            assert wider.expanded_uncertainty > 2.0 * one.expanded_uncertainty
     (said,) = coverage_sentences(lead)
     size = with_uncertainty(0.0, narrow.expanded_uncertainty * 1e6)[1]
     assert OF_READINGS in said and f"{size} µm" in said and "--instrument" in said

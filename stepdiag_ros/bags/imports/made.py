@@ -13,9 +13,9 @@ from stepdiag_ros.metrology.units import IN_MICRO
 from stepdiag_ros.text.extent import extent_words
 
 WITHOUT_CHAIN = (
-    "the kinematic chain is not stated: U takes the mean of what rotations do in all six chains, so"
-    " that of the largest error is mostly larger than with the chain and that of a single curve may"
-    " be too small; methods that determine angular errors refuse"
+    "the kinematic chain is not stated: U takes the mean of what rotations do in all six chains,"
+    " and may be too small for the chain of this machine; methods that determine angular errors"
+    " refuse"
 )
 NO_CHAIN = f"{WITHOUT_CHAIN}. State 'chain'"
 

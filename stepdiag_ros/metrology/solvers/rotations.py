@@ -10,7 +10,8 @@ covariance of c (best linear unbiased prediction; Robinson 1991, Statistical Sci
 
 Values are averaged over s by its evidence times what is plausible. For their uncertainty a size
 below the plausible one counts as that one: that the rotations which the readings show are small
-says nothing of one that acts on no reading, because one axis may turn alone.
+says nothing of one that acts on no reading, because one axis may turn alone. For the same reason
+other readings act on c as they do at the plausible size or above (``Turned.factors``).
 """
 
 from collections.abc import Sequence
@@ -48,9 +49,10 @@ class Rotations:
     Attributes:
         readings: what each mode adds to the averaged readings, m/rad, shape (groups, k).
         information: of the modes' factors beyond all that is free, 1/rad², shape (k, k).
-        shrinkage: from the pull of the residuals on each mode to its factor, rad m, shape (k, k).
-        scatter: what the noise of the readings does to the factors by that, per standard deviation
-            of independent causes, rad, shape (k, seen).
+        reaction: of the factors to the pull of the residuals on each mode, where axes turn by what
+            is plausible or more, rad m, shape (k, k).
+        scatter: what the noise of the readings does to the mean, per standard deviation of
+            independent causes, rad, shape (k, seen).
         mean: of the modes' factors, rad, shape (k,).
         best: factors of any size that fit the readings best, rad, shape (k,); zero where these show
             nothing, or where rotations are taken as zero.
@@ -69,7 +71,7 @@ class Rotations:
 
     readings: Vector
     information: Vector
-    shrinkage: Vector
+    reaction: Vector
     scatter: Vector
     mean: Vector
     best: Vector
@@ -212,13 +214,18 @@ class Turned:
         return rest
 
     def factors(self, left: Vector) -> Vector:
-        """Return the modes' factors that residuals show, rad, shape (..., k).
+        """Return the modes' factors that other residuals would show, rad, shape (..., k).
+
+        Those of the run itself are its own. Others react to a change of the residuals as they do
+        where axes turn by the plausible size or more: if such rotations made the change, the
+        readings would show them, and less of them would be taken for chance than in this run.
 
         Args:
             left: averaged readings less the fitted ones, m, shape (..., groups).
         """
-        pull = (left * self.design.weight) @ self.rotations.readings
-        found: Vector = pull @ self.rotations.shrinkage
+        own = self.design.mean - self.fit.fitted
+        pull = ((left - own) * self.design.weight) @ self.rotations.readings
+        found: Vector = self.rotations.mean + pull @ self.rotations.reaction
         return found
 
     def factor_changes(self, model: Vector, change: Vector) -> Vector:
@@ -229,7 +236,7 @@ class Turned:
             change: of the unknowns by the readings, shape (p, groups).
         """
         pull = self.rotations.readings.T * self.design.weight
-        found: Vector = self.rotations.shrinkage.T @ (pull - (pull @ model) @ change)
+        found: Vector = self.rotations.reaction @ (pull - (pull @ model) @ change)
         return found
 
     def scatter(self) -> Vector:
@@ -394,6 +401,7 @@ def plausible_rotations(
     mean = shrunk * parts
     sizes = np.maximum(sizes, plausible)
     given = _given(sizes, values / unit)
+    reaction = np.where(seen, share @ given / unit, 0.0)
     factors, weight = (given * parts / unit)[:, seen], np.sqrt(share)[:, None]
     shown, unseen = vectors[:, seen], float(share @ sizes**2)
 
@@ -407,7 +415,7 @@ def plausible_rotations(
     rotations = Rotations(
         readings=rows,
         information=information,
-        shrinkage=(vectors * shrunk) @ vectors.T,
+        reaction=(vectors * reaction) @ vectors.T,
         mean=vectors @ mean,
         best=shown @ (parts[seen] / values[seen]) * bool(plausible),
         scatter=shown * (shrunk * np.sqrt(values))[seen],
