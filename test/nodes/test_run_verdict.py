@@ -1,5 +1,6 @@
 """The solver's verdict: one message that holds all that a supervisor decides on."""
 
+from dataclasses import replace
 from math import isnan, nan
 from pathlib import Path
 
@@ -72,10 +73,12 @@ def rotation(label):
 
 
 def test_the_decision_has_the_numbers_of_the_result(measured):
+    # In this chain rotations may do more than the readings alone say, and a tolerance may be met
+    # with U of the readings alone.
+    measured = replace(measured, chain="ZXY")
     lead, results = solved(measured)
     found = of_result(results["least_squares"], measured.chain)
     expanded = lead.expanded_uncertainty
-    # A tolerance may be met with U of the readings alone.
     assert lead.budgeted and expanded > 1.01 * COVERAGE_FACTOR * found.standard_uncertainty
     for tolerance, proven in (
         (nan, Conformity.NOT_ASKED),
