@@ -24,6 +24,8 @@ import numpy as np  # noqa: E402
 from plausible_machines import draw  # noqa: E402
 from scipy.stats import beta  # noqa: E402
 
+from stepdiag_ros.bags.passes import Completeness  # noqa: E402
+from stepdiag_ros.evaluation.decision import lead_of_results  # noqa: E402
 from stepdiag_ros.evaluation.pursuit import reached  # noqa: E402
 from stepdiag_ros.metrology.solvers import solve  # noqa: E402
 from stepdiag_ros.metrology.standards.volumetric import of_result  # noqa: E402
@@ -38,6 +40,7 @@ def looked(machine, measurement, count):
     """Return what the first lines show: quantity → U to be compared with a target, error, U."""
     first = replace(measurement, lines=measurement.lines[:count])
     results = {"least_squares": solve(first)}
+    lead = lead_of_results(results, first, Completeness(count, count))
     result, truth = results["least_squares"], machine.truth(first.volume)
     worst = of_result(result, machine.chain, first.plausible)
     places = np.array([worst.position, machine.origin])
@@ -46,15 +49,15 @@ def looked(machine, measurement, count):
         VOLUMETRIC: np.array(worst.vector) / worst.value @ (np.array(worst.vector) - true),
         "C0Y": result.figure("C0Y").value - truth.figures["C0Y"],
     }
-    spread = {
-        VOLUMETRIC: worst.standard_uncertainty,
-        "C0Y": result.figure("C0Y").standard_uncertainty,
+    expanded = {
+        VOLUMETRIC: lead.expanded_uncertainty,
+        "C0Y": COVERAGE_FACTOR * result.figure("C0Y").standard_uncertainty,
     }
     return {
         name: (
-            reached(Target(name, 1.0, unit), first, results),
+            reached(Target(name, 1.0, unit), first, results, lead),
             float(errors[name]),
-            COVERAGE_FACTOR * spread[name],
+            expanded[name],
         )
         for name, unit in QUANTITIES.items()
     }
