@@ -31,6 +31,7 @@ import yaml  # noqa: E402
 from domains import own_domain  # noqa: E402
 from forked import ForkedPopen  # noqa: E402
 from running_cell import nodes_of  # noqa: E402
+from shared import lead_of_all  # noqa: E402
 
 from stepdiag_ros.bags.run import load_run  # noqa: E402
 from stepdiag_ros.configuration import load_cell, load_machine, load_plan  # noqa: E402
@@ -88,6 +89,12 @@ def first(measurement: Measurement, count: int) -> Measurement:
     return replace(measurement, lines=measurement.lines[:count])
 
 
+def reached_by(target: Target, lines: Measurement) -> float:
+    """Return the expanded uncertainty of a target's quantity after some lines."""
+    results = results_of(lines)
+    return reached(target, lines, results, lead_of_all(results, lines))
+
+
 def target_of(plan: Path, cell: Path, number: int) -> str:
     """Return what is asked of a run, as ``--until`` takes it."""
     quantity, unit = TARGETS[number % len(TARGETS)]
@@ -97,9 +104,7 @@ def target_of(plan: Path, cell: Path, number: int) -> str:
     target = Target(quantity, 1.0, unit)
     ends = [end for end in line_ends(target, loaded) if end >= len(loaded.lines) // 4]
     chosen = int(np.random.default_rng([number, 5]).integers(len(ends)))
-    sizes = (
-        reached(target, first(other, end), results_of(first(other, end))) for end in ends[chosen:]
-    )
+    sizes = (reached_by(target, first(other, end)) for end in ends[chosen:])
     size = next(size for size in sizes if np.isfinite(size))
     text = f"{size * 1e6:.4f}"
     return f"{quantity}={text}{'um' if unit == 'm' else 'urad'}"
@@ -131,11 +136,13 @@ def judged(bag: Path) -> dict[str, Any]:
         some = first(lines, count)
         if count > len(lines.lines):
             break
-        if standing(pursuit, some, results_of(some)).state is TargetState.REACHED:
+        results = results_of(some)
+        now = standing(pursuit, some, results, lead_of_all(results, some))
+        if now.state is TargetState.REACHED:
             best = count
             break
     said = run.states[-1].target
-    final = reached(pursuit.target, lines, results_of(lines))
+    final = reached_by(pursuit.target, lines)
     start, last = run.start_time, lines.lines[-1].end_time
     taken = (last - start) * 1e-9 + (run.states[-1].time - last) * 1e-9 / UNTIL_FACTOR
     possible = (lines.lines[(best or len(lines.lines)) - 1].end_time - start) * 1e-9

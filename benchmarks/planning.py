@@ -22,6 +22,7 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "test" / "bands")]
 
 import numpy as np  # noqa: E402
 from plausible_machines import ANGLE, NOISE, draw  # noqa: E402
+from shared import lead_of_all  # noqa: E402
 
 from stepdiag_ros.configuration import load_machine, load_plan  # noqa: E402
 from stepdiag_ros.evaluation.pursuit import Pursuit, reached  # noqa: E402
@@ -160,13 +161,20 @@ def run_of(seed):
         figure = result.figure(name)
         missed = abs(figure.value - truth.figures[name])
         inside.append(missed <= COVERAGE_FACTOR * figure.standard_uncertainty)
-    run = reached(Target(VOLUMETRIC, 1.0, "m"), measurement, {"least_squares": result})
+    run = reached_by(measurement, result)
     return (
         {name: float(measured[name] / told[name]) for name in NAMES},
         float(run / (COVERAGE_FACTOR * told[VOLUMETRIC])),
         [bool(one) for one in inside],
         drawn.noise_told,
     )
+
+
+def reached_by(measurement, result):
+    """Return the expanded uncertainty of the largest error that a run states, m."""
+    results = {"least_squares": result}
+    lead = lead_of_all(results, measurement)
+    return reached(Target(VOLUMETRIC, 1.0, "m"), measurement, results, lead)
 
 
 def as_usual(plan):
@@ -221,13 +229,13 @@ def orders_of(seed):
     target = Target(VOLUMETRIC, 1.0, "m")
     found = {name: {"growth": by_growth(one, machine)} for name, one in both.items()}
     other = drawn.measure(plan, day=1)
-    asked = 1.1 * reached(target, other, {"least_squares": solve(other)})
+    asked = 1.1 * reached_by(other, solve(other))
     for name, one in both.items():
         measurement, pursuit = drawn.measure(one), Pursuit(target, one, machine)
         taken = None
         for end in pursuit.line_ends:
             first = replace(measurement, lines=measurement.lines[:end])
-            if reached(target, first, {"least_squares": solve(first)}) <= asked:
+            if reached_by(first, solve(first)) <= asked:
                 taken = sum(pursuit.line_times[:end]) / sum(pursuit.line_times)
                 break
         found[name]["share"] = taken

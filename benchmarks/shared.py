@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stepdiag_ros.evaluation.lead import RunLead
     from stepdiag_ros.metrology.measurement import Measurement
+    from stepdiag_ros.metrology.solvers.result import VolumetricErrors
 
 TICKS_PER_SECOND = os.sysconf("SC_CLK_TCK")
 CORES = os.sysconf("SC_NPROCESSORS_ONLN")
@@ -17,6 +19,14 @@ ONE_CORE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_TH
 ORDERS = ("XYZ", "YZX", "ZXY", "XZY", "YXZ", "ZYX")
 TRAVEL = 0.36
 """Of each axis of the simulated machine, m."""
+
+
+def lead_of_all(results: "dict[str, VolumetricErrors]", lines: "Measurement") -> "RunLead":
+    """Return what verdict and report state of results of all lines that were planned."""
+    from stepdiag_ros.bags.passes import Completeness
+    from stepdiag_ros.evaluation.decision import lead_of_results
+
+    return lead_of_results(results, lines, Completeness(len(lines.lines), len(lines.lines)))
 
 
 def simulated(

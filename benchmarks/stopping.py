@@ -23,9 +23,8 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "test" / "bands")]
 import numpy as np  # noqa: E402
 from plausible_machines import draw  # noqa: E402
 from scipy.stats import beta  # noqa: E402
+from shared import lead_of_all  # noqa: E402
 
-from stepdiag_ros.bags.passes import Completeness  # noqa: E402
-from stepdiag_ros.evaluation.decision import lead_of_results  # noqa: E402
 from stepdiag_ros.evaluation.pursuit import reached  # noqa: E402
 from stepdiag_ros.metrology.solvers import solve  # noqa: E402
 from stepdiag_ros.metrology.standards.volumetric import of_result  # noqa: E402
@@ -40,7 +39,7 @@ def looked(machine, measurement, count):
     """Return what the first lines show: quantity → U to be compared with a target, error, U."""
     first = replace(measurement, lines=measurement.lines[:count])
     results = {"least_squares": solve(first)}
-    lead = lead_of_results(results, first, Completeness(count, count))
+    lead = lead_of_all(results, first)
     result, truth = results["least_squares"], machine.truth(first.volume)
     worst = of_result(result, machine.chain, first.plausible)
     places = np.array([worst.position, machine.origin])
